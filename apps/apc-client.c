@@ -18,6 +18,7 @@
 
 #include <apcexchange.h>
 
+#include "base/parts.h"
 #include "daemon/credentials.h"
 #include "daemon/daemon.h"
 #include "daemon/recorder.h"
@@ -65,6 +66,7 @@ struct shell {
     struct apc_client *core;
     apc_ns patience;      /* for one exchange */
     apc_ns budget;        /* for the store's answer */
+    void *memory;         /* of the arrays */
     struct apc_sample *u; /* newest known, the task's */
     bool know_u;
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
@@ -459,19 +461,13 @@ static int allocate_client(struct shell *s)
     const size_t ticks = (size_t)(QUEUED / e->client.rhythm.period) + 2;
 
     s->room = ticks * e->dim.ny;
-    s->u = calloc(e->dim.nu, sizeof *s->u);
-    s->newest = calloc(e->dim.nu, sizeof *s->newest);
-    s->read = calloc(e->dim.nu, sizeof *s->read);
-    s->command = calloc(e->dim.nu, sizeof *s->command);
-    s->measured = calloc(e->dim.ny, sizeof *s->measured);
-    s->y = calloc(e->dim.ny, sizeof *s->y);
-    s->spared = calloc(e->dim.nu, sizeof *s->spared);
-    s->range_state = calloc(e->dim.ny, sizeof *s->range_state);
-    s->dating = calloc(e->dim.ny, sizeof *s->dating);
-    s->queue = calloc(s->room, sizeof *s->queue);
-    s->batch = calloc(s->room, sizeof *s->batch);
-    if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->spared ||
-        !s->range_state || !s->dating || !s->queue || !s->batch)
+    const struct apc_part parts[] = {
+        APC_PART(s->u, e->dim.nu),       APC_PART(s->newest, e->dim.nu),      APC_PART(s->read, e->dim.nu),
+        APC_PART(s->command, e->dim.nu), APC_PART(s->measured, e->dim.ny),    APC_PART(s->y, e->dim.ny),
+        APC_PART(s->spared, e->dim.nu),  APC_PART(s->range_state, e->dim.ny), APC_PART(s->dating, e->dim.ny),
+        APC_PART(s->queue, s->room),     APC_PART(s->batch, s->room)};
+    s->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    if (!s->memory)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->dim.ny; i++)
         s->range_state[i].up = true; /* as long as it is so, nothing is said */
@@ -562,17 +558,7 @@ static void close_client(struct shell *s)
     apc_exchange_close(s->plant);
     credentials_close(&s->credentials);
     apc_histogram_destroy(s->round_trip);
-    free(s->u);
-    free(s->newest);
-    free(s->read);
-    free(s->command);
-    free(s->measured);
-    free(s->y);
-    free(s->range_state);
-    free(s->spared);
-    free(s->dating);
-    free(s->queue);
-    free(s->batch);
+    free(s->memory);
     sem_destroy(&s->work);
     pthread_cond_destroy(&s->answer);
     pthread_mutex_destroy(&s->mutex);

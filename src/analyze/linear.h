@@ -34,8 +34,8 @@ struct linear_loop {
     struct apc_law_linear **law;
     struct apc_loop_source *source;
     struct apc_loop_tick *tick;
-    size_t *to, *chosen; /* [setup.n_controllers] by their place in the experiment */
-    double *matrices;
+    size_t *to, *chosen;     /* [setup.n_controllers] by their place in the experiment */
+    void *memory, *matrices; /* of the arrays; of what the setup points to */
 };
 
 /* Returns 0 or a negative error with what to do in why; linear_loop_free() in either case. */

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+#include "base/parts.h"
 #include "linear.h"
 
 #include <apcmath.h>
@@ -97,21 +98,14 @@ static int make_plant(struct linear_loop *l, const struct experiment *e, struct 
     const struct apc_model *m = l->model;
     const size_t nx = m->nx, n_in = m->nu + m->nd, ny = m->ny;
     struct apc_loop_plant *p = &l->setup.plant;
-    double *at = calloc(nx * (nx + 2 * n_in) + ny * (nx + 2 * n_in) + nx + ny + 1, sizeof *at), *A, *B, *C,
-           *D, *b, *d;
-    double *noise, *sensor;
+    double *A, *B, *C, *D, *b, *d, *noise, *sensor;
+    const struct apc_part parts[] = {APC_PART(A, nx * nx),   APC_PART(b, nx * n_in), APC_PART(C, ny * nx),
+                                     APC_PART(d, ny * n_in), APC_PART(B, nx * n_in), APC_PART(D, ny * n_in),
+                                     APC_PART(noise, nx),    APC_PART(sensor, ny)};
 
-    l->matrices = at;
-    if (!at)
+    l->matrices = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    if (!l->matrices)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    A = at;
-    b = A + nx * nx;
-    C = b + nx * n_in;
-    d = C + ny * nx;
-    B = d + ny * n_in;
-    D = B + nx * n_in;
-    noise = D + ny * n_in;
-    sensor = noise + nx;
     const int rc = apc_model_linearize(m, e->plant.p, l->x, l->u, A, b, C, d, why);
     if (rc < 0)
         return rc;
@@ -386,26 +380,24 @@ static int allocate_linear_loop(struct linear_loop *l, const struct experiment *
 {
     const struct apc_model *m = l->model;
     size_t sources = 1, outputs = 1;
-    double *at;
 
     for (size_t i = 0; i < e->n_controllers; i++) {
         const struct apc_dim *dim = &e->controllers[i].dim;
         sources += dim->ny + dim->nz + dim->nd + dim->nu;
         outputs += dim->nu;
     }
-    at = l->x = calloc(m->nx + m->nu + m->nd + m->ny + outputs + 1, sizeof *at);
-    l->to = calloc(2 * outputs + e->n_controllers, sizeof *l->to);
-    l->source = calloc(sources, sizeof *l->source);
-    l->law = calloc(e->n_controllers + 1, sizeof(void *));
-    l->controller = calloc(e->n_controllers + 1, sizeof *l->controller);
-    if (!at || !l->to || !l->source || !l->law || !l->controller)
-        return APC_ENOMEM;
-    l->u = l->x + m->nx;
-    l->y = l->u + m->nu + m->nd;
-    l->scale = l->y + m->ny;
-    l->output = l->to + outputs;
-    l->chosen = l->output + outputs;
-    return 0;
+    const struct apc_part parts[] = {APC_PART(l->x, m->nx),
+                                     APC_PART(l->u, m->nu + m->nd),
+                                     APC_PART(l->y, m->ny),
+                                     APC_PART(l->scale, outputs),
+                                     APC_PART(l->to, outputs),
+                                     APC_PART(l->output, outputs),
+                                     APC_PART(l->chosen, e->n_controllers),
+                                     APC_PART(l->source, sources),
+                                     {&l->law, e->n_controllers, sizeof(void *), NULL},
+                                     APC_PART(l->controller, e->n_controllers)};
+    l->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    return l->memory ? 0 : APC_ENOMEM;
 }
 
 static void name_output(struct linear_loop *l, const struct experiment *e, size_t o,
@@ -457,11 +449,7 @@ void linear_loop_free(struct linear_loop *l)
     apc_loop_destroy(l->loop);
     for (size_t k = 0; l->law && k < l->setup.n_controllers; k++)
         free(l->law[k]);
-    free(l->x);
-    free(l->to);
-    free(l->source);
-    free(l->law);
-    free(l->controller);
+    free(l->memory);
     free(l->tick);
     free(l->matrices);
 }

@@ -11,6 +11,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 #include "control/control_internal.h"
 
 #define SETTLE   20000      /* ticks in which an estimator comes to rest at most */
@@ -42,32 +43,21 @@ struct around {
 static int allocate_perturbed_law(struct around *a, const struct apc_dim *dim)
 {
     const size_t ny = dim->ny, nu = dim->nu, ahead = a->size.n_ahead, n = a->nx;
-    double *at = calloc(
-        a->n_in + 6 * n + 8 * nu + ahead * (dim->nz + dim->nd) + 3 * ny + a->size.published + 8, sizeof(*at));
+    const struct apc_part parts[] = {
+        APC_PART(a->y_status, ny),       APC_PART(a->y_new, ny),
+        APC_PART(a->limited, nu),        APC_PART(a->out, nu),
+        APC_PART(a->in, a->n_in),        APC_PART(a->x, n),
+        APC_PART(a->trial, n),           APC_PART(a->u, nu),
+        APC_PART(a->centre, n + nu),     APC_PART(a->above, n + nu),
+        APC_PART(a->below, n + nu),      APC_PART(a->z, ahead * dim->nz),
+        APC_PART(a->d, ahead * dim->nd), APC_PART(a->low, nu),
+        APC_PART(a->high, nu),           APC_PART(a->rate, nu),
+        APC_PART(a->y_low, ny),          APC_PART(a->y_high, ny),
+        APC_PART(a->y_age, ny),          APC_PART(a->published, a->size.published)};
 
-    a->memory = at;
-    a->y_status = calloc(ny + 1, sizeof(*a->y_status));
-    a->y_new = calloc(ny + 1, sizeof(*a->y_new));
-    a->limited = calloc(nu + 1, sizeof(*a->limited));
-    a->out = calloc(nu + 1, sizeof(*a->out));
-    if (!at || !a->y_status || !a->y_new || !a->limited || !a->out)
+    a->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    if (!a->memory)
         return APC_ENOMEM;
-    a->in = apc_carve(&at, a->n_in);
-    a->x = apc_carve(&at, n);
-    a->trial = apc_carve(&at, n);
-    a->u = apc_carve(&at, nu);
-    a->centre = apc_carve(&at, n + nu);
-    a->above = apc_carve(&at, n + nu);
-    a->below = apc_carve(&at, n + nu);
-    a->z = apc_carve(&at, ahead * dim->nz);
-    a->d = apc_carve(&at, ahead * dim->nd);
-    a->low = apc_carve(&at, nu);
-    a->high = apc_carve(&at, nu);
-    a->rate = apc_carve(&at, nu);
-    a->y_low = apc_carve(&at, ny);
-    a->y_high = apc_carve(&at, ny);
-    a->y_age = apc_carve(&at, ny);
-    a->published = apc_carve(&at, a->size.published);
     for (size_t i = 0; i < nu; i++) {
         a->low[i] = -HUGE_VAL;
         a->high[i] = a->rate[i] = HUGE_VAL;
@@ -348,9 +338,5 @@ int apc_law_linearize(struct apc_law_linear **linear, const struct apc_law *law,
     }
     apc_instances_destroy(a.instances);
     free(a.memory);
-    free(a.y_status);
-    free(a.y_new);
-    free(a.limited);
-    free(a.out);
     return rc;
 }

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "base/base_internal.h"
-#include "base/matrix.h"
+#include "base/parts.h"
 #include "control/mpc.h"
 
 #define HORIZON_MAX 1000
@@ -329,18 +329,15 @@ static int check_reach(const struct apc_law_mpc *p, struct apc_error *why)
 {
     const struct apc_linear *m = p->model;
     const size_t nx = m->nx, ny = m->ny, inputs = m->nu + m->nd;
-    double *memory = calloc(2 * nx + inputs + ny, sizeof(*memory)), *at = memory, *x, *next, *u, *y;
-    bool *moved = calloc(ny, sizeof(*moved));
+    double *x, *next, *u, *y;
+    bool *moved;
+    const struct apc_part parts[] = {APC_PART(moved, ny), APC_PART(x, nx), APC_PART(next, nx),
+                                     APC_PART(u, inputs), APC_PART(y, ny)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     int rc = 0;
 
-    if (!memory || !moved) {
-        rc = apc_fail(why, APC_ENOMEM, "no memory");
-        goto out;
-    }
-    x = apc_carve(&at, nx);
-    next = apc_carve(&at, nx);
-    u = apc_carve(&at, inputs);
-    y = apc_carve(&at, ny);
+    if (!memory)
+        return apc_fail(why, APC_ENOMEM, "no memory");
     for (size_t j = 0; j < m->nu; j++) {
         memcpy(x, m->x0, nx * sizeof(*x));
         memcpy(u, m->u0, inputs * sizeof(*u));
@@ -360,9 +357,7 @@ static int check_reach(const struct apc_law_mpc *p, struct apc_error *why)
                           "must be longer than the dead time",
                           p->cv[k] + 1, p->N, (double)p->N * p->Ts);
     }
-out:
     free(memory);
-    free(moved);
     return rc;
 }
 
@@ -370,17 +365,19 @@ out:
 static int try_weights(struct apc_law_mpc *p, const double *dev_y, const double *dev_u, struct apc_error *why)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
-    double *memory = calloc(2 * ny + 2 * nu, sizeof(*memory)), *at = memory, *q, *s;
+    double *q, *zone, *s, *r;
+    const struct apc_part parts[] = {APC_PART(q, ny), APC_PART(zone, ny), APC_PART(s, nu), APC_PART(r, nu)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     struct apc_mpc_weights weights = {.least = p->least};
     bool some = true;
     int rc;
 
     if (!memory)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    weights.q = q = apc_carve(&at, ny);
-    weights.zone = apc_carve(&at, ny);
-    weights.s = s = apc_carve(&at, nu);
-    weights.r = apc_carve(&at, nu);
+    weights.q = q;
+    weights.zone = zone;
+    weights.s = s;
+    weights.r = r;
     for (size_t k = 0; k < p->dim.nz; k++) {
         q[p->cv[k]] = 1.0 / (dev_y[p->cv[k]] * dev_y[p->cv[k]]);
         some = some && q[p->cv[k]] > 0.0;
@@ -426,18 +423,14 @@ static int check_weights(struct apc_law_mpc *p, const struct apc_law_setup *setu
 static int check_stabilisable(const struct apc_linear *m, struct apc_error *why)
 {
     const size_t n = m->nx_plant + m->nx_held, nu = m->nu;
-    double *memory = calloc(3 * n * n + 2 * n * nu + nu * nu + 1, sizeof(*memory)), *at = memory;
     double *A, *Q, *P, *B, *K, *R;
+    const struct apc_part parts[] = {APC_PART(A, n * n),  APC_PART(Q, n * n),  APC_PART(P, n * n),
+                                     APC_PART(B, n * nu), APC_PART(K, n * nu), APC_PART(R, nu * nu)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     int rc;
 
     if (!memory)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    A = apc_carve(&at, n * n);
-    Q = apc_carve(&at, n * n);
-    P = apc_carve(&at, n * n);
-    B = apc_carve(&at, n * nu);
-    K = apc_carve(&at, n * nu);
-    R = apc_carve(&at, nu * nu);
     for (size_t i = 0; i < n; i++) {
         memcpy(A + i * n, m->A + i * m->nx, n * sizeof(*A));
         memcpy(B + i * nu, m->B + i * (nu + m->nd), nu * sizeof(*B));
@@ -506,53 +499,45 @@ out:
 static int allocate_mpc_law(struct apc_law_mpc *p, struct apc_error *why)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu, n = nu * p->blocks, inputs = nu + p->disturbed->nd;
-    const size_t nx = p->nonlinear ? p->model->nx_plant : 0;
+    const size_t nonlinear = p->nonlinear ? 1 : 0, nx = p->nonlinear ? p->model->nx_plant : 0;
     const size_t seen =
         p->states + ny + p->n_ahead * (p->dim.nz + p->dim.nd) + 3 * nu + ny * N_OF_Y + nu * N_OF_U;
-    double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + (11 + p->late_most) * nu +
-                            inputs + 7 * ny + p->N * ny + n +
-                            (p->nonlinear ? nx + p->nc * (n + 1) + p->N * (nx + ny * n + ny) : 0),
-                        sizeof(*at));
+    const struct apc_part parts[] = {APC_PART(p->usable, ny),
+                                     APC_PART(p->given, nu),
+                                     APC_PART(p->limiting, ny + nu),
+                                     APC_PART_COPY(p->input, inputs, p->disturbed->u0),
+                                     APC_PART(p->x, p->states),
+                                     APC_PART(p->plan, n),
+                                     APC_PART(p->seen, seen),
+                                     APC_PART(p->now, seen),
+                                     APC_PART(p->w, (p->N + 1) * ny),
+                                     APC_PART(p->d, (p->N + 1) * p->dim.nd),
+                                     APC_PART(p->u_last, nu),
+                                     APC_PART(p->wish, nu),
+                                     APC_PART(p->cost, nu),
+                                     APC_PART(p->low, nu),
+                                     APC_PART(p->high, nu),
+                                     APC_PART(p->step, nu),
+                                     APC_PART(p->s, nu),
+                                     APC_PART(p->r, nu),
+                                     APC_PART(p->q, ny),
+                                     APC_PART(p->zone, ny),
+                                     APC_PART(p->y_low, ny),
+                                     APC_PART(p->y_high, ny),
+                                     APC_PART(p->tuned, ny * 3 + nu * 2),
+                                     APC_PART(p->prediction, p->N * ny),
+                                     APC_PART(p->shifted, n),
+                                     APC_PART(p->past, (p->late_most + 1) * nu),
+                                     APC_PART(p->start, nonlinear * nx),
+                                     APC_PART(p->nodes, nonlinear * p->N * nx),
+                                     APC_PART(p->G, nonlinear * p->N * ny * n),
+                                     APC_PART(p->free_y, nonlinear * p->N * ny),
+                                     APC_PART(p->Gx, nonlinear * p->nc * n),
+                                     APC_PART(p->free_x, nonlinear * p->nc)};
 
-    p->memory = at;
-    p->usable = calloc(ny + nu + 1, sizeof(*p->usable));
-    p->limiting = calloc(ny + nu + 1, sizeof(*p->limiting));
-    if (!at || !p->usable || !p->limiting)
-        return apc_fail(why, APC_ENOMEM, "no memory");
-    p->given = p->usable + ny;
-    p->x = apc_carve(&at, p->states);
-    p->plan = apc_carve(&at, n);
-    p->seen = apc_carve(&at, seen);
-    p->now = apc_carve(&at, seen);
     p->n_seen = seen;
-    p->w = apc_carve(&at, (p->N + 1) * ny);
-    p->d = apc_carve(&at, (p->N + 1) * p->dim.nd);
-    p->u_last = apc_carve(&at, nu);
-    p->wish = apc_carve(&at, nu);
-    p->cost = apc_carve(&at, nu);
-    p->low = apc_carve(&at, nu);
-    p->high = apc_carve(&at, nu);
-    p->step = apc_carve(&at, nu);
-    p->s = apc_carve(&at, nu);
-    p->r = apc_carve(&at, nu);
-    p->q = apc_carve(&at, ny);
-    p->zone = apc_carve(&at, ny);
-    p->y_low = apc_carve(&at, ny);
-    p->y_high = apc_carve(&at, ny);
-    p->tuned = apc_carve(&at, ny * 3 + nu * 2);
-    p->input = memcpy(apc_carve(&at, inputs), p->disturbed->u0, inputs * sizeof(*at));
-    p->prediction = apc_carve(&at, p->N * ny);
-    p->shifted = apc_carve(&at, n);
-    p->past = apc_carve(&at, (p->late_most + 1) * nu);
-    if (p->nonlinear) {
-        p->start = apc_carve(&at, nx);
-        p->nodes = apc_carve(&at, p->N * nx);
-        p->G = apc_carve(&at, p->N * ny * n);
-        p->free_y = apc_carve(&at, p->N * ny);
-        p->Gx = apc_carve(&at, p->nc * n);
-        p->free_x = apc_carve(&at, p->nc);
-    }
-    return 0;
+    p->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    return p->memory ? 0 : apc_fail(why, APC_ENOMEM, "no memory");
 }
 
 static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool *terminal,
@@ -682,8 +667,6 @@ void apc_mpc_unmake(void *self)
     free(p->name);
     free(p->unknown);
     free(p->measured);
-    free(p->limiting);
-    free(p->usable);
     free(p->memory);
     free(p->critical);
     free(p->dev_y);

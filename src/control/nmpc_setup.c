@@ -9,6 +9,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 #include "control/mpc.h"
 #include "predict/predict_internal.h"
 
@@ -91,29 +92,24 @@ static int linearise_all(struct linear_view *v, const struct apc_law_mpc *p,
     const struct apc_model *m = plant->model;
     const size_t nx = m->nx, ny = m->ny, nu = m->nu, all = nu + m->nd, nd = setup->dim.nd,
                  wide = p->nested ? apc_nested_states(p->nested) : nx;
-    double *at =
-        calloc(2 * (wide * wide + wide * all + ny * wide + all + wide) + ny * all + (wide + ny + 1) * all,
-               sizeof(*at));
+    const size_t own = p->nested ? 1 : 0; /* how many more of A, B, C and u0: of the plant without loops */
     double *A, *B, *C, *u0;
+    const struct apc_part parts[] = {
+        APC_PART(v->A, wide * wide),  APC_PART(v->B, wide * all),  APC_PART(v->C, ny * wide),
+        APC_PART(v->D, ny * all),     APC_PART(v->x0, wide),       APC_PART(v->u0, all),
+        APC_PART(v->B_u, wide * all), APC_PART(v->D_u, ny * all),  APC_PART(v->u0_u, all),
+        APC_PART(A, own * nx * nx),   APC_PART(B, own * nx * all), APC_PART(C, own * ny * nx),
+        APC_PART(u0, own * all)};
     int rc;
 
-    v->memory = at;
-    if (!at)
+    v->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    if (!v->memory)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    v->A = A = apc_carve(&at, wide * wide);
-    v->B = B = apc_carve(&at, wide * all);
-    v->C = C = apc_carve(&at, ny * wide);
-    v->D = apc_carve(&at, ny * all);
-    v->x0 = apc_carve(&at, wide);
-    v->u0 = u0 = apc_carve(&at, all);
-    v->B_u = apc_carve(&at, wide * all);
-    v->D_u = apc_carve(&at, ny * all);
-    v->u0_u = apc_carve(&at, all);
-    if (p->nested) {
-        A = apc_carve(&at, nx * nx);
-        B = apc_carve(&at, nx * all);
-        C = apc_carve(&at, ny * nx);
-        u0 = apc_carve(&at, all);
+    if (!p->nested) {
+        A = v->A;
+        B = v->B;
+        C = v->C;
+        u0 = v->u0;
     }
     memcpy(u0, plant->u0, nu * sizeof(*u0));
     for (size_t k = 0; k < m->nd; k++)

@@ -13,6 +13,7 @@
  */
 #include "exchange/modbus.h"
 #include "base/base_internal.h"
+#include "base/parts.h"
 #include "exchange/exchange_internal.h"
 
 #include <stdio.h>
@@ -28,6 +29,7 @@ struct modbus {
     bool write_single;
     struct apc_modbus_item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
     size_t n_u, n_y;
+    void *memory;             /* of the arrays below */
     double *values;           /* [2 nu + 1] to be written: u, the watchdog, each output's own */
     uint16_t *counts;         /* [nu + 1] of the outputs' watchdogs; last: of the watchdog */
     struct apc_value *read;   /* [ny + 1] */
@@ -546,13 +548,7 @@ static void modbus_close(struct apc_exchange *x)
     apc_modbus_line_close(&m->line);
     free(m->u);
     free(m->y);
-    free(m->values);
-    free(m->counts);
-    free(m->read);
-    free(m->found);
-    free(m->stands);
-    free(m->wrote);
-    free(m->where);
+    free(m->memory);
     free(m);
 }
 
@@ -623,16 +619,15 @@ static int modbus_open(struct apc_exchange **x, const char *uri, const struct ap
 
     if (!m)
         return apc_fail(why, APC_ENOMEM, "plant \"%s\": no memory", uri);
-    m->values = calloc(APC_MODBUS_WRITTEN(options->nu), sizeof(*m->values));
-    m->counts = calloc(options->nu + 1, sizeof(*m->counts));
-    m->read = calloc(options->ny + 1, sizeof(*m->read));
-    m->found = calloc(APC_MODBUS_WRITTEN(options->nu), sizeof(*m->found));
-    m->stands = calloc(options->nu, sizeof(*m->stands));
-    m->wrote = calloc(options->nu, sizeof(*m->wrote));
-    m->where = calloc(options->nu, sizeof(*m->where));
-    rc = m->values && m->counts && m->read && m->found && m->stands && m->wrote && m->where
-             ? take_modbus_options(m, options, why)
-             : apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    const struct apc_part parts[] = {APC_PART(m->values, APC_MODBUS_WRITTEN(options->nu)),
+                                     APC_PART(m->counts, options->nu + 1),
+                                     APC_PART(m->read, options->ny + 1),
+                                     APC_PART(m->found, APC_MODBUS_WRITTEN(options->nu)),
+                                     APC_PART(m->stands, options->nu),
+                                     APC_PART(m->wrote, options->nu),
+                                     APC_PART(m->where, options->nu)};
+    m->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    rc = m->memory ? take_modbus_options(m, options, why) : apc_fail(why, APC_ENOMEM, "modbus: no memory");
     if (rc == 0) {
         (void)snprintf(to, sizeof(to), "tcp:%s", uri + strlen("modbus:"));
         rc = apc_modbus_line_open(&m->line, to, &m->x.error, why);

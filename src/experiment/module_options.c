@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+#include "base/parts.h"
 #include "experiment.h"
 #include "operate/operate.h"
 
@@ -131,6 +132,7 @@ int module_plant(const struct experiment *e, struct apc_plant **plant, struct ap
 
 /* The parts of a controller's options that are arrays. */
 struct wiring {
+    void *memory; /* of the arrays */
     int *y, *d;
     apc_ns *y_horizon, *d_horizon;
     bool *told;
@@ -235,18 +237,6 @@ static void wire_loop(struct wiring *w, const struct experiment *e, struct contr
                &loop->below_period);
 }
 
-static void free_wiring(struct wiring *w)
-{
-    free(w->peers);
-    free(w->y);
-    free(w->d);
-    free(w->y_horizon);
-    free(w->d_horizon);
-    free(w->told);
-    free(w->z);
-    free(w->loop);
-}
-
 /* How long what comes every @p period may stay away. */
 static apc_ns row_timeout(apc_ns period)
 {
@@ -272,15 +262,14 @@ static bool selects_with(const struct controller *selector, const struct control
 
 static int make_wiring(const struct experiment *e, const struct controller *c, struct wiring *w)
 {
-    *w = (struct wiring){.y = calloc(c->dim.ny + 1, sizeof *w->y),
-                         .d = calloc(c->dim.nd + 1, sizeof *w->d),
-                         .y_horizon = calloc(c->dim.ny + 1, sizeof *w->y_horizon),
-                         .d_horizon = calloc(c->dim.nd + 1, sizeof *w->d_horizon),
-                         .told = calloc(c->dim.ny + 1, sizeof *w->told),
-                         .z = calloc(c->dim.nz + 1, sizeof *w->z),
-                         .loop = calloc(c->dim.nu + 1, sizeof *w->loop),
-                         .peers = calloc((c->dim.nz + c->dim.nu) * e->n_controllers, sizeof *w->peers)};
-    if (!w->peers || !w->y || !w->d || !w->y_horizon || !w->d_horizon || !w->told || !w->z || !w->loop)
+    const struct apc_part parts[] = {
+        APC_PART(w->y, c->dim.ny),         APC_PART(w->d, c->dim.nd),
+        APC_PART(w->y_horizon, c->dim.ny), APC_PART(w->d_horizon, c->dim.nd),
+        APC_PART(w->told, c->dim.ny),      APC_PART(w->z, c->dim.nz),
+        APC_PART(w->loop, c->dim.nu),      APC_PART(w->peers, (c->dim.nz + c->dim.nu) * e->n_controllers)};
+    w->n_peers = 0;
+    w->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    if (!w->memory)
         return APC_ENOMEM;
     for (size_t i = 0; i < c->dim.ny; i++) {
         w->y[i] = (int)c->y[i].at + 1;
@@ -344,7 +333,7 @@ int module_controller(const struct experiment *e, const struct controller *c, bo
     };
     *controller = NULL;
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : apc_controller_create(controller, &options, why);
-    free_wiring(&wiring);
+    free(wiring.memory);
     return rc;
 }
 

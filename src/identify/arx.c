@@ -11,6 +11,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 
 #define NA_MOST  8
 #define FIR_MOST 100
@@ -184,16 +185,14 @@ static int place_run_at_rest(const struct arx *a, size_t g, double *u0, double *
 {
     const struct apc_record r = apc_record_run(&a->r, g);
     const size_t ny = r.ny, inputs = a->inputs;
-    double *memory = calloc(ny * ny + ny * (inputs + 2) + 1, sizeof(*memory)), *at = memory;
+    double *I_A, *B, *rhs, *mean; /* column i of B is output i's */
+    const struct apc_part parts[] = {APC_PART(I_A, ny * ny), APC_PART(B, ny * inputs), APC_PART(rhs, ny),
+                                     APC_PART(mean, ny)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     bool far = false;
-    double *I_A, *B, *rhs, *mean;
 
     if (!memory)
         return APC_ENOMEM;
-    I_A = apc_carve(&at, ny * ny);
-    B = apc_carve(&at, ny * inputs); /* column i is output i's */
-    rhs = apc_carve(&at, ny);
-    mean = apc_carve(&at, ny);
     for (size_t k = 0; k < r.n; k++) {
         for (size_t j = 0; j < inputs; j++)
             u0[j] += r.u[k * inputs + j] / (double)r.n;

@@ -14,6 +14,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 #include "identify/parameters.h"
 
 #define STEP     1e-4 /* of an unknown's size, to either side */
@@ -493,38 +494,36 @@ static int open_fit(struct fit *f)
     const size_t ny = f->r.ny, runs = apc_record_runs(&f->r), inputs = f->r.nu + f->r.nd,
                  states = runs * m->nx, before = fit_acts_late(f) ? runs * LEVELS * inputs : 0,
                  most = states + before + f->s.n;
-    double *at;
+    const size_t rows = f->r.n * ny;
+    const struct apc_part parts[] = {APC_PART(f->unknown, most),
+                                     APC_PART(f->order, ny),
+                                     APC_PART(f->y, rows),
+                                     APC_PART(f->plus, rows),
+                                     APC_PART(f->minus, rows),
+                                     APC_PART(f->e, rows),
+                                     APC_PART(f->room, rows),
+                                     APC_PART(f->Q, rows * most),
+                                     APC_PART(f->R, most * most),
+                                     APC_PART(f->small, 2 * most * (most + 1)),
+                                     APC_PART(f->small_R, most * most),
+                                     APC_PART(f->value, most),
+                                     APC_PART(f->trial, most),
+                                     APC_PART(f->step, 2 * most),
+                                     APC_PART(f->along, most),
+                                     APC_PART(f->deviation, ny),
+                                     APC_PART(f->noise, ny * NOISE_MOST),
+                                     APC_PART(f->p, m->np + states + before),
+                                     APC_PART(f->u, m->nu),
+                                     APC_PART(f->out, m->ny)};
 
     f->runs = runs;
     f->inputs = inputs;
-    f->rows = f->r.n * ny;
-    f->unknown = calloc(most + 1, sizeof(*f->unknown));
-    f->order = calloc(ny + 1, sizeof(*f->order));
-    f->memory = at = calloc((5 + most) * f->rows + 8 * most + 2 * most * most + 2 * most * (most + 1) +
-                                (1 + NOISE_MOST) * ny + m->np + states + before + m->nu + m->ny + 1,
-                            sizeof(*at));
-    if (!f->unknown || !f->order || !at)
+    f->rows = rows;
+    f->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    if (!f->memory)
         return APC_ENOMEM;
-    f->y = apc_carve(&at, f->rows);
-    f->plus = apc_carve(&at, f->rows);
-    f->minus = apc_carve(&at, f->rows);
-    f->e = apc_carve(&at, f->rows);
-    f->room = apc_carve(&at, f->rows);
-    f->Q = apc_carve(&at, f->rows * most);
-    f->R = apc_carve(&at, most * most);
-    f->small = apc_carve(&at, 2 * most * (most + 1));
-    f->small_R = apc_carve(&at, most * most);
-    f->value = apc_carve(&at, most);
-    f->trial = apc_carve(&at, most);
-    f->step = apc_carve(&at, 2 * most);
-    f->along = apc_carve(&at, most);
-    f->deviation = apc_carve(&at, ny);
-    f->noise = apc_carve(&at, ny * NOISE_MOST);
-    f->p = apc_carve(&at, m->np);
-    f->x0 = apc_carve(&at, states);
-    f->before = apc_carve(&at, before);
-    f->u = apc_carve(&at, m->nu);
-    f->out = apc_carve(&at, m->ny);
+    f->x0 = f->p + m->np; /* one behind the other: they are kept and restored together */
+    f->before = f->x0 + states;
     return 0;
 }
 
@@ -613,7 +612,5 @@ int apc_identify_parameters(const struct apc_record *record, const struct apc_pa
     if (rc == APC_ENOMEM)
         apc_fail(why, rc, "apc_identify_parameters: no memory");
     free(f.memory);
-    free(f.unknown);
-    free(f.order);
     return rc;
 }

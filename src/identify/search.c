@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/matrix.h"
+#include "base/parts.h"
 
 #define ARM_UNKNOWNS 3     /* log tau, log tau, dead time */
 #define WHITE        1e-16 /* of y's variance: what rounding leaves */
@@ -404,7 +405,6 @@ int search_open(struct search *s)
 {
     const size_t n = s->n, m = s->inputs * ARM_UNKNOWNS;
     size_t linear;
-    double *at;
 
     s->runs = apc_record_runs(s->record);
     s->levels_most = STEPS_MOST / (s->runs * s->inputs);
@@ -413,33 +413,26 @@ int search_open(struct search *s)
     linear = s->inputs * s->arm_columns + 2 * s->runs;
 
     s->width = linear + m;
-    at = calloc((s->width + linear + 2 * s->arm_columns + 3) * n + 2 * s->width * s->width + 4 * s->width +
-                    (2 * m + 2) * (m + 2) + s->width + m * m + 2 * (n + LEVELS) + 1,
-                sizeof(*at));
-    s->counts = calloc(n + 1, sizeof(*s->counts));
-    s->best.arm = calloc(6 * s->inputs + 1, sizeof(*s->best.arm));
-    s->memory = at;
-    if (!at || !s->counts || !s->best.arm)
-        return APC_ENOMEM;
-    s->trial.arm = s->best.arm + s->inputs;
-    s->grown.arm = s->trial.arm + s->inputs;
-    s->Q = apc_carve(&at, (s->width + linear) * n);
-    s->y = apc_carve(&at, n);
-    s->e = apc_carve(&at, 2 * n);
-    s->plus = apc_carve(&at, s->arm_columns * n);
-    s->minus = apc_carve(&at, s->arm_columns * n);
-    s->R = apc_carve(&at, 2 * s->width * s->width);
-    s->along = apc_carve(&at, 2 * s->width);
-    s->value = apc_carve(&at, 2 * s->width);
-    s->small = apc_carve(&at, (2 * m + 2) * (m + 2) + s->width);
-    s->small_R = apc_carve(&at, m * m);
-    s->step = apc_carve(&at, 2 * (n + LEVELS));
-    return 0;
+    const struct apc_part parts[] = {APC_PART(s->counts, n),
+                                     APC_PART(s->best.arm, s->inputs),
+                                     APC_PART(s->trial.arm, s->inputs),
+                                     APC_PART(s->grown.arm, 4 * s->inputs),
+                                     APC_PART(s->Q, (s->width + linear) * n),
+                                     APC_PART(s->y, n),
+                                     APC_PART(s->e, 2 * n),
+                                     APC_PART(s->plus, s->arm_columns * n),
+                                     APC_PART(s->minus, s->arm_columns * n),
+                                     APC_PART(s->R, 2 * s->width * s->width),
+                                     APC_PART(s->along, 2 * s->width),
+                                     APC_PART(s->value, 2 * s->width),
+                                     APC_PART(s->small, (2 * m + 2) * (m + 2) + s->width),
+                                     APC_PART(s->small_R, m * m),
+                                     APC_PART(s->step, 2 * (n + LEVELS))};
+    s->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    return s->memory ? 0 : APC_ENOMEM;
 }
 
 void search_close(struct search *s)
 {
     free(s->memory);
-    free(s->counts);
-    free(s->best.arm);
 }

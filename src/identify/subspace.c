@@ -17,6 +17,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 
 #define ROWS_MOST  15
 #define ORDER_MOST 10
@@ -28,6 +29,7 @@ struct subspace {
     struct apc_record r;
     size_t inputs, runs, s, width, used; /* used: samples of r */
     bool offsets, direct;
+    void *memory;                              /* of all the arrays */
     double *u, *y;                             /* [n * inputs], [n * ny], scaled */
     double *mean_u, *mean_y, *size_u, *size_y; /* the means of each run */
     struct apc_triangle rows;
@@ -309,23 +311,18 @@ static int find_rest(const struct subspace *p, struct rest *rest, const double *
 /* A K with which the expectation is stable: the Kalman filter's of the same spectrum, where it was not. */
 static int mend_gain(size_t n, size_t l, const double *A, const double *C, const double *S, double *K)
 {
-    double *memory = calloc(5 * n * n + 3 * n * l + 1, sizeof(*memory)), *at = memory, *F, *Ft, *Q, *P, *work,
-           *Ct, *more;
+    double *F, *Ft, *Q, *P, *Ct, *more;
+    const struct apc_part parts[] = {APC_PART(F, n * n),     APC_PART(Ft, n * n), APC_PART(Q, n * n),
+                                     APC_PART(P, 2 * n * n), APC_PART(Ct, n * l), APC_PART(more, n * l)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     int rc = 0;
 
     if (!memory)
         return APC_ENOMEM;
-    F = apc_carve(&at, n * n);
-    Ft = apc_carve(&at, n * n);
-    Q = apc_carve(&at, n * n);
-    work = apc_carve(&at, 2 * n * n);
-    P = work;
-    Ct = apc_carve(&at, n * l);
-    more = apc_carve(&at, n * l);
     apc_matrix_multiply(n, l, n, K, C, F);
     for (size_t i = 0; i < n * n; i++)
         F[i] = A[i] - F[i];
-    if (apc_spectral_radius(n, F, work) >= 1.0) {
+    if (apc_spectral_radius(n, F, P) >= 1.0) {
         apc_matrix_transpose(n, n, F, Ft);
         apc_matrix_transpose(l, n, C, Ct);
         for (size_t i = 0; i < n; i++)
@@ -481,8 +478,6 @@ static int open_subspace(struct subspace *p, const struct apc_identify_subspace_
 {
     const size_t m = p->inputs, l = p->r.ny, shortest = apc_record_shortest(&p->r), most = shortest / 6,
                  all = p->r.n / (6 * (m + l) + 1), afford = all < most ? all : most;
-    const size_t numbers = (p->runs + 1 + p->r.n) * (m + l);
-    double *at;
 
     p->s = o->rows ? o->rows : afford < ROWS_MOST ? afford : ROWS_MOST;
     p->width = 2 * p->s * (m + l);
@@ -493,20 +488,14 @@ static int open_subspace(struct subspace *p, const struct apc_identify_subspace_
             "apc_identify_subspace: %zu samples of %zu inputs and %zu outputs allow %zu rows, 3 are "
             "the least; the order must be below the rows times the outputs",
             p->r.n, m, l, afford);
-    at = calloc(numbers + p->width + p->s * l * (p->s * l + 1) + p->r.n * l, sizeof(*at));
-    p->mean_u = at;
-    if (!at)
+    const struct apc_part parts[] = {
+        APC_PART(p->mean_u, p->runs * m), APC_PART(p->size_u, m),     APC_PART(p->mean_y, p->runs * l),
+        APC_PART(p->size_y, l),           APC_PART(p->row, p->width), APC_PART(p->Gamma, p->s * l * p->s * l),
+        APC_PART(p->weight, p->s * l),    APC_PART(p->e, p->r.n * l), APC_PART(p->u, p->r.n * m),
+        APC_PART(p->y, p->r.n * l)};
+    p->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    if (!p->memory)
         return apc_fail(why, APC_ENOMEM, "apc_identify_subspace: no memory");
-    at += p->runs * m;
-    p->size_u = apc_carve(&at, m);
-    p->mean_y = apc_carve(&at, p->runs * l);
-    p->size_y = apc_carve(&at, l);
-    p->row = apc_carve(&at, p->width);
-    p->Gamma = apc_carve(&at, p->s * l * p->s * l);
-    p->weight = apc_carve(&at, p->s * l);
-    p->e = apc_carve(&at, p->r.n * l);
-    p->u = apc_carve(&at, p->r.n * m);
-    p->y = apc_carve(&at, p->r.n * l);
     p->offsets = !o->deviations;
     p->direct = o->direct;
     scale_to_deviation(p, p->r.u, m, p->mean_u, p->size_u, p->u);
@@ -562,6 +551,6 @@ int apc_identify_subspace(struct apc_identified **model, const struct apc_record
     while (rc == APC_ESOLVER && found && o.order > 1) /* of a part of the record it was stable */
         rc = take_stable_model(&p, --o.order, model, why);
     apc_triangle_close(&p.rows);
-    free(p.mean_u);
+    free(p.memory);
     return rc;
 }

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/base_internal.h"
-#include "base/matrix.h"
+#include "base/parts.h"
 #include "identify/search.h"
 
 #define INTERVAL 1.96 /* standard errors either way hold 95 % */
@@ -325,19 +325,17 @@ static int place_runs(const struct apc_record *r, const struct apc_transfer *g, 
                       double *u0, double *y0, struct apc_error *why)
 {
     const size_t inputs = r->nu + r->nd;
-    double *size = calloc(inputs * (r->ny + 1) + r->ny * (r->ny + 1) + 1, sizeof(*size)), *at = size, *Q, *R,
-           *b;
+    double *size, *Q, *R, *b;
+    const struct apc_part parts[] = {APC_PART(size, inputs), APC_PART(Q, inputs * r->ny),
+                                     APC_PART(R, r->ny * r->ny), APC_PART(b, r->ny)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
 
-    if (!size)
+    if (!memory)
         return apc_fail(why, APC_ENOMEM, "apc_identify_transfer: no memory");
-    apc_carve(&at, inputs);
-    Q = apc_carve(&at, inputs * r->ny);
-    R = apc_carve(&at, r->ny * r->ny);
-    b = apc_carve(&at, r->ny);
     measure_inputs(r, size);
     for (size_t run = 0; run < apc_record_runs(r); run++)
         rest_of_run(r, run, g, rest + run * r->ny, size, Q, R, b, u0 + run * inputs, y0 + run * r->ny);
-    free(size);
+    free(memory);
     return apc_record_check_point(r, u0, y0, why);
 }
 

@@ -9,6 +9,7 @@
  * answer is made up for by the same rows once more, and no transition is lost or written twice.
  */
 #include "base/base_internal.h"
+#include "base/parts.h"
 #include "modules/alarm.h"
 #include "modules/controller.h"
 #include "modules/modules_internal.h"
@@ -51,6 +52,7 @@ struct watched {
 
 struct apc_alarms {
     struct apc_alarms_options options;
+    void *memory;       /* of the arrays */
     struct watched *at; /* [n] */
     struct apc_sample *samples;
     struct apc_vector *vectors, tick, former_tick;
@@ -200,15 +202,15 @@ int apc_alarms_create(struct apc_alarms **alarms, const struct apc_alarms_option
     if (o.shelve_max == 0)
         o.shelve_max = SHELVE_MAX;
     struct apc_alarms *new = calloc(1, sizeof *new);
-    if (new) {
-        const size_t in = 3 + SWITCHES, former = 1 + SWITCHES, out = STEPS + SWITCHES + 1;
-        new->options = o;
-        new->at = calloc(o.n, sizeof *new->at);
-        new->samples = calloc((in + former + out) * o.n, sizeof *new->samples);
-        new->vectors = calloc(o.n, sizeof *new->vectors);
-        new->elements = calloc(ELEMENTS * o.n, sizeof *new->elements);
-    }
-    if (!new || !new->at || !new->samples || !new->vectors || !new->elements) {
+    if (!new)
+        return apc_fail(why, APC_ENOMEM, "alarms: no memory");
+    const size_t in = 3 + SWITCHES, former = 1 + SWITCHES, out = STEPS + SWITCHES + 1;
+    const struct apc_part parts[] = {APC_PART(new->at, o.n),
+                                     APC_PART(new->samples, (in + former + out) * o.n),
+                                     APC_PART(new->vectors, o.n), APC_PART(new->elements, ELEMENTS * o.n)};
+    new->options = o;
+    new->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    if (!new->memory) {
         apc_alarms_destroy(new);
         return apc_fail(why, APC_ENOMEM, "alarms: no memory");
     }
@@ -223,10 +225,7 @@ void apc_alarms_destroy(struct apc_alarms *a)
 {
     if (!a)
         return;
-    free(a->elements);
-    free(a->vectors);
-    free(a->samples);
-    free(a->at);
+    free(a->memory);
     free(a);
 }
 

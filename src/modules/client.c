@@ -9,6 +9,7 @@
  * mA, a measurement again from 3.8 to 20.5 mA. So a level of 0 with its noise is still measured.
  */
 #include "base/base_internal.h"
+#include "base/parts.h"
 #include "modules/modules_internal.h"
 
 #include <math.h>
@@ -29,6 +30,7 @@ struct sensor {
 struct apc_client {
     size_t ny, nu;
     apc_ns horizon, since;
+    void *memory;                /* of the arrays */
     struct apc_freshness *fresh; /* [nu] */
     struct sensor *sensor;       /* [ny] */
     double *low, *high;          /* [ny] */
@@ -64,14 +66,12 @@ int apc_client_create(struct apc_client **client, const struct apc_client_option
         return rc;
     new = calloc(1, sizeof(*new));
     if (!new)
-        goto no_memory;
-    new->fresh = calloc(o.nu, sizeof(*new->fresh));
-    new->sensor = calloc(o.ny, sizeof(*new->sensor));
-    new->low = calloc(o.ny, sizeof(*new->low));
-    new->high = calloc(o.ny, sizeof(*new->high));
-    if (!new->fresh || !new->sensor || !new->low || !new->high)
-        goto no_memory;
-    rc = apc_limits_copy(new->low, new->high, o.low, o.high, o.ny, why);
+        return apc_fail(why, APC_ENOMEM, "client: no memory");
+    const struct apc_part parts[] = {APC_PART(new->fresh, o.nu), APC_PART(new->sensor, o.ny),
+                                     APC_PART(new->low, o.ny), APC_PART(new->high, o.ny)};
+    new->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    rc = new->memory ? apc_limits_copy(new->low, new->high, o.low, o.high, o.ny, why)
+                     : apc_fail(why, APC_ENOMEM, "client: no memory");
     if (rc < 0) {
         apc_client_destroy(new);
         return rc;
@@ -85,20 +85,13 @@ int apc_client_create(struct apc_client **client, const struct apc_client_option
                                          .apart = o.apart && o.apart[i] > 1 ? o.apart[i] : 1};
     *client = new;
     return 0;
-
-no_memory:
-    apc_client_destroy(new);
-    return apc_fail(why, APC_ENOMEM, "client: no memory");
 }
 
 void apc_client_destroy(struct apc_client *client)
 {
     if (!client)
         return;
-    free(client->low);
-    free(client->high);
-    free(client->sensor);
-    free(client->fresh);
+    free(client->memory);
     free(client);
 }
 

@@ -5,7 +5,7 @@
  */
 #include "modules/controller.h"
 #include "base/base_internal.h"
-#include "base/matrix.h"
+#include "base/parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -41,38 +41,6 @@ static int take_controller_options(struct apc_controller_options *o,
     return 0;
 }
 
-static int allocate_doubles(struct apc_controller *c)
-{
-    const size_t ny = c->dim.ny, nz = c->size.n_ahead * c->dim.nz, nd = c->size.n_ahead * c->dim.nd,
-                 nu = c->dim.nu;
-    double *at =
-        calloc(4 * ny + nz + nd + c->size.states + 8 * nu + 2 * c->size.tuning + c->law.size.published + 1,
-               sizeof(*at));
-
-    c->doubles = at;
-    if (!at)
-        return APC_ENOMEM;
-    c->y = apc_carve(&at, ny);
-    c->y_age = apc_carve(&at, ny);
-    c->y_low = apc_carve(&at, ny);
-    c->y_high = apc_carve(&at, ny);
-    c->z = apc_carve(&at, nz);
-    c->d = apc_carve(&at, nd);
-    c->x = apc_carve(&at, c->size.states);
-    c->u = apc_carve(&at, nu);
-    c->last = apc_carve(&at, nu);
-    c->went = apc_carve(&at, nu);
-    c->law.trial = apc_carve(&at, nu);
-    c->backup.trial = apc_carve(&at, nu);
-    c->low = apc_carve(&at, nu);
-    c->high = apc_carve(&at, nu);
-    c->rate = apc_carve(&at, nu);
-    c->tuning = apc_carve(&at, c->size.tuning);
-    c->offered = apc_carve(&at, c->size.tuning);
-    c->law.published = c->law.size.published ? apc_carve(&at, c->law.size.published) : NULL;
-    return 0;
-}
-
 /* What both laws have one behind the other. */
 static void divide_law_arrays(struct apc_controller *c)
 {
@@ -88,46 +56,62 @@ static void divide_law_arrays(struct apc_controller *c)
 
 static int allocate_controller(struct apc_controller *c)
 {
-    const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd;
+    const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd, n_ahead = c->size.n_ahead;
+    const size_t n_wanted = nz + 2 * nu + c->size.tuning;
+    const struct apc_part parts[] = {APC_PART(c->input, ny),
+                                     APC_PART(c->y_seq, ny),
+                                     APC_PART(c->d_seq, nd),
+                                     APC_PART(c->z_seq, nz),
+                                     APC_PART(c->plan_seq, nz),
+                                     APC_PART(c->looked, n_wanted),
+                                     APC_PART(c->y_new, ny),
+                                     APC_PART(c->ok, ny + nd),
+                                     APC_PART(c->rests, nz),
+                                     APC_PART(c->planned, nz),
+                                     APC_PART(c->open, nz),
+                                     APC_PART(c->fast_path, nu),
+                                     APC_PART(c->refused, n_wanted),
+                                     APC_PART(c->setpoint, nz),
+                                     APC_PART(c->loop, nu),
+                                     APC_PART(c->state, nu),
+                                     APC_PART(c->instance, c->size.instances),
+                                     APC_PART(c->below, nu),
+                                     APC_PART(c->above, nz),
+                                     APC_PART(c->y_status, ny),
+                                     APC_PART(c->law.limited, nu),
+                                     APC_PART(c->backup.limited, nu),
+                                     APC_PART(c->blocked, nu),
+                                     APC_PART(c->y_limited, ny),
+                                     APC_PART(c->law.decides, nu),
+                                     APC_PART(c->backup.decides, nu),
+                                     APC_PART(c->given, nu),
+                                     APC_PART(c->fresh, ny + nd),
+                                     APC_PART(c->horizon, ny + nd),
+                                     APC_PART(c->y, ny),
+                                     APC_PART(c->y_age, ny),
+                                     APC_PART(c->y_low, ny),
+                                     APC_PART(c->y_high, ny),
+                                     APC_PART(c->z, n_ahead * nz),
+                                     APC_PART(c->d, n_ahead * nd),
+                                     APC_PART(c->x, c->size.states),
+                                     APC_PART(c->u, nu),
+                                     APC_PART(c->last, nu),
+                                     APC_PART(c->went, nu),
+                                     APC_PART(c->law.trial, nu),
+                                     APC_PART(c->backup.trial, nu),
+                                     APC_PART(c->low, nu),
+                                     APC_PART(c->high, nu),
+                                     APC_PART(c->rate, nu),
+                                     APC_PART(c->tuning, c->size.tuning),
+                                     APC_PART(c->offered, c->size.tuning),
+                                     APC_PART(c->law.published, c->law.size.published)};
 
-    c->n_wanted = nz + 2 * nu + c->size.tuning;
-    c->input = calloc(ny, sizeof(*c->input));
-    c->seqs = calloc(ny + nd + 2 * nz + c->n_wanted, sizeof(*c->seqs));
-    c->flags = calloc(2 * ny + nd + 3 * nz + nu + c->n_wanted, sizeof(*c->flags));
-    c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
-    c->loop = calloc(nu, sizeof(*c->loop));
-    c->state = calloc(nu, sizeof(*c->state));
-    c->instance = calloc(c->size.instances, sizeof(*c->instance));
-    c->below = calloc(nu, sizeof(*c->below));
-    c->above = calloc(nz + 1, sizeof(*c->above));
-    c->y_status = calloc(ny, sizeof(*c->y_status));
-    c->bits = calloc(3 * nu + ny, sizeof(*c->bits));
-    c->decides = calloc(3 * nu, sizeof(*c->decides));
-    c->fresh = calloc(ny + nd, sizeof(*c->fresh));
-    c->horizon = calloc(ny + nd, sizeof(*c->horizon));
-    if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
-        !c->instance || !c->below || !c->above || !c->y_status || !c->bits || !c->decides || !c->fresh ||
-        !c->horizon || !c->input)
+    c->n_wanted = n_wanted;
+    c->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    if (!c->memory)
         return APC_ENOMEM;
-    c->y_seq = c->seqs;
-    c->d_seq = c->y_seq + ny;
-    c->z_seq = c->d_seq + nd;
-    c->plan_seq = c->z_seq + nz;
-    c->looked = c->plan_seq + nz;
-    c->y_new = c->flags;
-    c->ok = c->y_new + ny;
-    c->rests = c->ok + ny + nd;
-    c->planned = c->rests + nz;
-    c->open = c->planned + nz;
-    c->fast_path = c->open + nz;
-    c->refused = c->fast_path + nu;
-    c->law.limited = c->bits;
-    c->backup.limited = c->bits + nu;
-    c->blocked = c->bits + 2 * nu;
-    c->y_limited = c->bits + 3 * nu;
-    c->law.decides = c->decides;
-    c->backup.decides = c->decides + nu;
-    c->given = c->decides + 2 * nu;
+    if (c->law.size.published == 0)
+        c->law.published = NULL;
     divide_law_arrays(c);
     for (size_t i = 0; i < nu; i++)
         c->given[i] = APC_OUT_GIVEN;
@@ -368,22 +352,8 @@ void apc_controller_destroy(struct apc_controller *c)
     free(c->plan_values);
     free(c->vectors);
     free(c->samples);
-    free(c->horizon);
-    free(c->input);
-    free(c->fresh);
-    free(c->decides);
-    free(c->bits);
-    free(c->y_status);
-    free(c->above);
-    free(c->below);
     free(c->numbers);
-    free(c->instance);
-    free(c->state);
-    free(c->loop);
-    free(c->setpoint);
-    free(c->flags);
-    free(c->seqs);
-    free(c->doubles);
+    free(c->memory);
     free(c);
 }
 

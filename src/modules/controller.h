@@ -165,29 +165,26 @@ struct apc_controller {
     struct apc_controller_below *below;       /* [nu] */
     struct apc_controller_above *above;       /* [nz] */
 
-    double *doubles;                /* all those below */
-    double *y, *y_age, *z, *d, *x;  /* last usable inputs; z, d [n_ahead] rows; the laws' state */
-    double *u, *last;               /* [nu] what goes out; what went out before, NaN: nothing */
-    double *went;                   /* [nu] u, or what was selected instead of it */
-    double *low, *high, *rate;      /* [nu] */
-    double *y_low, *y_high;         /* [ny] */
-    double *tuning, *offered;       /* [size.tuning] in force; wanted by the operator */
-    int64_t *seqs;                  /* all those below */
+    void *memory;                  /* of the arrays above and below, but for what rows.c and cascade.c make */
+    double *y, *y_age, *z, *d, *x; /* last usable inputs; z, d [n_ahead] rows; the laws' state */
+    double *u, *last;              /* [nu] what goes out; what went out before, NaN: nothing */
+    double *went;                  /* [nu] u, or what was selected instead of it */
+    double *low, *high, *rate;     /* [nu] */
+    double *y_low, *y_high;        /* [ny] */
+    double *tuning, *offered;      /* [size.tuning] in force; wanted by the operator */
     int64_t *y_seq, *d_seq, *z_seq; /* of the rows that the inputs come from */
     int64_t *plan_seq;              /* [nz] */
     int64_t *looked;                /* [n_wanted] of the rows that were looked at; -1: none was yet */
-    bool *flags;                    /* all those below */
     bool *y_new, *ok, *refused, *rests,
-        *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [nz]; [nz] */
-    bool *fast_path;                      /* [nu] as fast_path.c says */
-    bool *open;                           /* [nz] something may have to be taken, or told, of the setpoint */
-    apc_status *y_status;                 /* [ny] */
-    unsigned *bits;                       /* all of enum apc_limited: the laws', and */
-    unsigned *blocked;                    /* [nu] how what takes the output cannot follow, */
-    unsigned *y_limited;                  /* [ny] how a measurement cannot move an output */
-    enum apc_law_output *decides, *given; /* the laws', and [nu] that a law decides on none */
-    struct apc_freshness *fresh;          /* [ny + nd] */
-    apc_ns *horizon;                      /* [ny + nd] */
+        *planned;                /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [nz]; [nz] */
+    bool *fast_path;             /* [nu] as fast_path.c says */
+    bool *open;                  /* [nz] something may have to be taken, or told, of the setpoint */
+    apc_status *y_status;        /* [ny] */
+    unsigned *blocked;           /* [nu] of enum apc_limited: how what takes the output cannot follow, */
+    unsigned *y_limited;         /* [ny] how a measurement cannot move an output */
+    enum apc_law_output *given;  /* [nu] that a law decides on none */
+    struct apc_freshness *fresh; /* [ny + nd] */
+    apc_ns *horizon;             /* [ny + nd] */
 
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;

@@ -15,6 +15,7 @@
  */
 #include "apcsockets.h"
 #include "base/base_internal.h"
+#include "base/parts.h"
 #include "modules/modules_internal.h"
 
 #include <math.h>
@@ -32,7 +33,7 @@ struct apc_plantserver {
     size_t nx, nu, ny;
     struct apc_watchdog watchdog;
 
-    double *memory;             /* all the doubles below */
+    void *memory;               /* of the arrays below */
     double *safe, *low, *high;  /* [nu] */
     double *command;            /* [nu] newest accepted */
     double *input;              /* [nu] what its actuators are told */
@@ -117,27 +118,17 @@ static int take_plantserver_options(struct apc_plantserver_options *o,
 
 static int allocate_plantserver(struct apc_plantserver *s)
 {
-    size_t nu = s->nu, ny = s->ny;
-    double *at = calloc(6 * nu + 2 * ny + s->nx, sizeof(*at));
+    const size_t nu = s->nu, ny = s->ny;
+    const struct apc_part parts[] = {APC_PART(s->safe, nu),      APC_PART(s->low, nu),
+                                     APC_PART(s->high, nu),      APC_PART(s->command, nu),
+                                     APC_PART(s->input, nu),     APC_PART(s->position, nu),
+                                     APC_PART(s->y, ny),         APC_PART(s->output, ny),
+                                     APC_PART(s->noise, s->nx),  APC_PART(s->samples, nu > ny ? nu : ny),
+                                     APC_PART(s->chance, s->nx), APC_PART(s->sensor, ny),
+                                     APC_PART(s->status, ny),    APC_PART(s->time, ny)};
 
-    s->memory = at;
-    s->samples = calloc(nu > ny ? nu : ny, sizeof(*s->samples));
-    s->chance = calloc(s->nx, sizeof(*s->chance));
-    s->sensor = calloc(ny, sizeof(*s->sensor));
-    s->status = calloc(ny, sizeof(*s->status));
-    s->time = calloc(ny, sizeof(*s->time));
-    if (!at || !s->samples || !s->chance || !s->sensor || !s->status || !s->time)
-        return APC_ENOMEM;
-    s->safe = at;
-    s->low = at + nu;
-    s->high = at + 2 * nu;
-    s->command = at + 3 * nu;
-    s->input = at + 4 * nu;
-    s->position = at + 5 * nu;
-    s->y = at + 6 * nu;
-    s->output = s->y + ny;
-    s->noise = s->output + ny;
-    return 0;
+    s->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    return s->memory ? 0 : APC_ENOMEM;
 }
 
 static const struct apc_sensor ideal = {0};
@@ -248,11 +239,6 @@ void apc_plantserver_destroy(struct apc_plantserver *server)
 {
     if (!server)
         return;
-    free(server->time);
-    free(server->status);
-    free(server->sensor);
-    free(server->chance);
-    free(server->samples);
     free(server->memory);
     free(server);
 }

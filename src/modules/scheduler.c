@@ -8,6 +8,7 @@
  * plan of the setpoint in force. If the step is left out, its plan is of no row that there is.
  */
 #include "base/base_internal.h"
+#include "base/parts.h"
 #include "modules/modules_internal.h"
 
 #include <stdio.h>
@@ -26,6 +27,7 @@ struct moved {
 
 struct apc_scheduler {
     struct apc_scheduler_options options;
+    void *memory;                     /* of the arrays */
     struct apc_scheduler_setpoint *z; /* [nz] */
     struct moved *state;              /* [nz] */
     struct apc_sample *samples;       /* [3 nz] setpoints, switches; what is written */
@@ -78,20 +80,17 @@ int apc_scheduler_create(struct apc_scheduler **scheduler, const struct apc_sche
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
-    if (new) {
-        new->options = o;
-        new->z = calloc(o.nz, sizeof(*new->z));
-        new->state = calloc(o.nz, sizeof(*new->state));
-        new->samples = calloc(3 * o.nz, sizeof(*new->samples));
-        new->of = calloc(o.nz, sizeof(*new->of));
-        new->plans = calloc(o.nz, sizeof(*new->plans));
-        new->pairs = calloc(PLAN_ROOM * o.nz, sizeof(*new->pairs));
-    }
-    if (!new || !new->z || !new->state || !new->samples || !new->of || !new->plans || !new->pairs) {
+    if (!new)
+        return apc_fail(why, APC_ENOMEM, "scheduler: no memory");
+    new->options = o;
+    const struct apc_part parts[] = {
+        APC_PART_COPY(new->z, o.nz, o.z), APC_PART(new->state, o.nz), APC_PART(new->samples, 3 * o.nz),
+        APC_PART(new->of, o.nz),          APC_PART(new->plans, o.nz), APC_PART(new->pairs, PLAN_ROOM * o.nz)};
+    new->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    if (!new->memory) {
         apc_scheduler_destroy(new);
         return apc_fail(why, APC_ENOMEM, "scheduler: no memory");
     }
-    memcpy(new->z, o.z, o.nz * sizeof(*new->z));
     name_scheduler_rows(new);
     *scheduler = new;
     return 0;
@@ -101,12 +100,7 @@ void apc_scheduler_destroy(struct apc_scheduler *s)
 {
     if (!s)
         return;
-    free(s->pairs);
-    free(s->plans);
-    free(s->of);
-    free(s->samples);
-    free(s->state);
-    free(s->z);
+    free(s->memory);
     free(s);
 }
 

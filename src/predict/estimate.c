@@ -17,6 +17,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 #include "plant/plant_internal.h"
 #include "predict/predict_internal.h"
 
@@ -71,47 +72,38 @@ static int check_variances(const double *value, size_t n, double least, const ch
     return 0;
 }
 
-static const double *copy_array(double **at, const double *from, size_t n)
-{
-    return memcpy(apc_carve(at, n), from, n * sizeof(*from));
-}
-
 static int allocate_estimator(struct apc_estimator *e, const struct apc_estimator_options *o)
 {
     const size_t nx = e->nx, ny = e->ny, n = e->n_inputs, np = o->model ? o->model->np : 0;
-    double *at =
-        calloc(5 * nx * nx + nx * n + 2 * nx * ny + ny * n + 8 * nx + 2 * n + 4 * ny + np, sizeof(*at));
+    static const struct apc_linear none;
+    const struct apc_linear *linear = o->linear ? o->linear : &none;
+    const struct apc_part parts[] = {APC_PART_COPY(e->A, nx * nx, linear->A),
+                                     APC_PART_COPY(e->B, nx * n, linear->B),
+                                     APC_PART_COPY(e->C, ny * nx, linear->C),
+                                     APC_PART_COPY(e->D, ny * n, linear->D),
+                                     APC_PART_COPY(e->x0, nx, linear->x0),
+                                     APC_PART_COPY(e->u0, n, linear->u0),
+                                     APC_PART_COPY(e->y0, ny, linear->y0),
+                                     APC_PART(e->q, nx),
+                                     APC_PART(e->r, ny),
+                                     APC_PART(e->p0, nx),
+                                     APC_PART(e->gain, nx * ny),
+                                     APC_PART(e->deviation, nx),
+                                     APC_PART(e->p, np),
+                                     APC_PART(e->P, nx * nx),
+                                     APC_PART(e->T, nx * nx),
+                                     APC_PART(e->J, nx * nx),
+                                     APC_PART(e->M, nx * nx),
+                                     APC_PART(e->x, nx),
+                                     APC_PART(e->next, nx),
+                                     APC_PART(e->slope, nx),
+                                     APC_PART(e->column, nx),
+                                     APC_PART(e->y, ny),
+                                     APC_PART(e->moved, ny),
+                                     APC_PART(e->input, n)};
 
-    e->memory = at;
-    if (!at)
-        return APC_ENOMEM;
-    e->q = apc_carve(&at, nx);
-    e->r = apc_carve(&at, ny);
-    e->p0 = apc_carve(&at, nx);
-    e->gain = apc_carve(&at, nx * ny);
-    e->deviation = apc_carve(&at, nx);
-    e->p = apc_carve(&at, np);
-    e->P = apc_carve(&at, nx * nx);
-    e->T = apc_carve(&at, nx * nx);
-    e->J = apc_carve(&at, nx * nx);
-    e->M = apc_carve(&at, nx * nx);
-    e->x = apc_carve(&at, nx);
-    e->next = apc_carve(&at, nx);
-    e->slope = apc_carve(&at, nx);
-    e->column = apc_carve(&at, nx);
-    e->y = apc_carve(&at, ny);
-    e->moved = apc_carve(&at, ny);
-    e->input = apc_carve(&at, n);
-    if (o->linear) {
-        e->A = copy_array(&at, o->linear->A, nx * nx);
-        e->B = copy_array(&at, o->linear->B, nx * n);
-        e->C = copy_array(&at, o->linear->C, ny * nx);
-        e->D = copy_array(&at, o->linear->D, ny * n);
-        e->x0 = copy_array(&at, o->linear->x0, nx);
-        e->u0 = copy_array(&at, o->linear->u0, n);
-        e->y0 = copy_array(&at, o->linear->y0, ny);
-    }
-    return 0;
+    e->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    return e->memory ? 0 : APC_ENOMEM;
 }
 
 /* The filter's gain K = P C'(C P C' + R)^-1 with P the covariance before a correction: the Riccati equation
@@ -119,19 +111,15 @@ static int allocate_estimator(struct apc_estimator *e, const struct apc_estimato
 static int steady(struct apc_estimator *e, struct apc_error *why)
 {
     const size_t nx = e->nx, ny = e->ny;
-    double *memory = calloc(3 * nx * nx + 3 * nx * ny + 2 * ny * ny + 1, sizeof(*memory)), *at = memory;
     double *At, *Ct, *Q, *R, *CP, *S, *AK;
+    const struct apc_part parts[] = {APC_PART(At, nx * nx), APC_PART(Q, nx * nx),  APC_PART(Ct, nx * ny),
+                                     APC_PART(CP, nx * ny), APC_PART(AK, nx * ny), APC_PART(R, ny * ny),
+                                     APC_PART(S, ny * ny)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     int rc;
 
     if (!memory)
         return apc_fail(why, APC_ENOMEM, "estimator: no memory");
-    At = apc_carve(&at, nx * nx);
-    Q = apc_carve(&at, nx * nx);
-    Ct = apc_carve(&at, nx * ny);
-    CP = apc_carve(&at, nx * ny);
-    AK = apc_carve(&at, nx * ny);
-    R = apc_carve(&at, ny * ny);
-    S = apc_carve(&at, ny * ny);
     apc_matrix_transpose(nx, nx, e->A, At);
     apc_matrix_transpose(ny, nx, e->C, Ct);
     for (size_t i = 0; i < nx; i++)

@@ -12,6 +12,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 
 #define HOLDS 1e5
 
@@ -49,22 +50,18 @@ int apc_initial_state_create(struct apc_initial_state **rest, const struct apc_l
 {
     const size_t n = model->nx_plant + model->nx_held, rows = n + model->ny;
     struct apc_initial_state *r = calloc(1, sizeof(*r));
-    double *at = calloc(rows * rows + rows * model->nx + 3 * rows, sizeof(*at));
-    int rc;
+    int rc = 0;
 
     *rest = NULL;
-    if (!r || !at) {
-        free(r);
-        free(at);
+    if (!r)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    }
-    *r = (struct apc_initial_state){.model = model, .n = n, .rows = rows, .memory = at};
-    r->Q = apc_carve(&at, rows * rows);
-    r->R = apc_carve(&at, rows * model->nx);
-    r->scale = apc_carve(&at, rows);
-    r->side = apc_carve(&at, rows);
-    r->turned = apc_carve(&at, rows);
-    rc = solve_steady_state(r, why);
+    *r = (struct apc_initial_state){.model = model, .n = n, .rows = rows};
+    const struct apc_part parts[] = {APC_PART(r->Q, rows * rows), APC_PART(r->R, rows * model->nx),
+                                     APC_PART(r->scale, rows), APC_PART(r->side, rows),
+                                     APC_PART(r->turned, rows)};
+
+    r->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    rc = r->memory ? solve_steady_state(r, why) : apc_fail(why, APC_ENOMEM, "no memory");
     if (rc < 0)
         apc_initial_state_destroy(r);
     else

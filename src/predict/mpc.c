@@ -13,6 +13,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 
 /* While limits are given up, what a move costs beside their violation. */
 #define EASY 1e-4
@@ -187,54 +188,48 @@ static int allocate_mpc(struct apc_mpc *p)
     const size_t n = p->n, m = p->m, ny = p->ny, nu = p->nu, N = p->N, nx = p->model->nx, na = p->nc + nu;
     const size_t of_terminal =
         p->terminal ? 3 * na * na + 2 * na * nu + nu * nu + apc_riccati_room(na, nu) : 0;
-    double *at = calloc(N * ny * n + p->nc * n + nx * N * ny + nx * nx + m * n + 2 * n * n + 3 * ny + 2 * nu +
-                            na * na + na * n + of_terminal + 5 * (n + m) + 3 * n + 3 * N * ny + N * nu +
-                            2 * p->nc + 2 * nx + 2 * nu + p->nd + 2 * ny + 2 * na,
-                        sizeof(*at));
+    const struct apc_part parts[] = {APC_PART(p->room, n + m),
+                                     APC_PART(p->paced, nu),
+                                     APC_PART_COPY(p->u_last, nu, p->model->u0),
+                                     APC_PART(p->G, N * ny * n),
+                                     APC_PART(p->Gx, n * p->nc),
+                                     APC_PART(p->F, nx * N * ny),
+                                     APC_PART(p->Fx, nx * nx),
+                                     APC_PART(p->A, m * n),
+                                     APC_PART(p->H, n * n),
+                                     APC_PART(p->H_easy, n * n),
+                                     APC_PART(p->q, ny),
+                                     APC_PART(p->zone, ny),
+                                     APC_PART(p->least, ny),
+                                     APC_PART(p->s, nu),
+                                     APC_PART(p->r, nu),
+                                     APC_PART(p->P, na * na),
+                                     APC_PART(p->PG, na * n),
+                                     APC_PART(p->riccati, of_terminal),
+                                     APC_PART(p->square, n + m),
+                                     APC_PART(p->none, n + m),
+                                     APC_PART(p->easy, n + m),
+                                     APC_PART(p->low, n + m),
+                                     APC_PART(p->high, n + m),
+                                     APC_PART(p->f, n),
+                                     APC_PART(p->v, n),
+                                     APC_PART(p->broken, n),
+                                     APC_PART(p->free_y, N * ny),
+                                     APC_PART(p->target_y, N * ny),
+                                     APC_PART(p->pulling, N * ny),
+                                     APC_PART(p->target_u, N * nu),
+                                     APC_PART(p->target_x, p->nc),
+                                     APC_PART(p->near, p->nc),
+                                     APC_PART(p->x, nx),
+                                     APC_PART(p->next, nx),
+                                     APC_PART(p->input, nu + p->nd),
+                                     APC_PART(p->aim_low, ny),
+                                     APC_PART(p->aim_high, ny),
+                                     APC_PART(p->difference, na),
+                                     APC_PART(p->far, na)};
 
-    p->memory = at;
-    p->room = calloc(n + m, sizeof(*p->room));
-    p->paced = calloc(nu, sizeof(*p->paced));
-    if (!at || !p->room || !p->paced)
-        return APC_ENOMEM;
-    p->G = apc_carve(&at, N * ny * n);
-    p->Gx = apc_carve(&at, n * p->nc);
-    p->F = apc_carve(&at, nx * N * ny);
-    p->Fx = apc_carve(&at, nx * nx);
-    p->A = apc_carve(&at, m * n);
-    p->H = apc_carve(&at, n * n);
-    p->H_easy = apc_carve(&at, n * n);
-    p->q = apc_carve(&at, ny);
-    p->zone = apc_carve(&at, ny);
-    p->least = apc_carve(&at, ny);
-    p->s = apc_carve(&at, nu);
-    p->r = apc_carve(&at, nu);
-    p->P = apc_carve(&at, na * na);
-    p->PG = apc_carve(&at, na * n);
-    p->riccati = apc_carve(&at, of_terminal);
-    p->square = apc_carve(&at, n + m);
-    p->none = apc_carve(&at, n + m);
-    p->easy = apc_carve(&at, n + m);
-    p->low = apc_carve(&at, n + m);
-    p->high = apc_carve(&at, n + m);
-    p->f = apc_carve(&at, n);
-    p->v = apc_carve(&at, n);
-    p->broken = apc_carve(&at, n);
-    p->free_y = apc_carve(&at, N * ny);
-    p->target_y = apc_carve(&at, N * ny);
-    p->pulling = apc_carve(&at, N * ny);
-    p->target_u = apc_carve(&at, N * nu);
-    p->target_x = apc_carve(&at, p->nc);
-    p->near = apc_carve(&at, p->nc);
-    p->x = apc_carve(&at, nx);
-    p->next = apc_carve(&at, nx);
-    p->input = apc_carve(&at, nu + p->nd);
-    p->aim_low = apc_carve(&at, ny);
-    p->aim_high = apc_carve(&at, ny);
-    p->difference = apc_carve(&at, na);
-    p->far = apc_carve(&at, na);
-    p->u_last = memcpy(apc_carve(&at, nu), p->model->u0, nu * sizeof(*at));
-    return 0;
+    p->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    return p->memory ? 0 : APC_ENOMEM;
 }
 
 /* While limits are being given up, a move costs little: of its effect on y. */
@@ -339,8 +334,6 @@ void apc_mpc_destroy(struct apc_mpc *mpc)
     apc_qp_destroy(mpc->easy_qp);
     apc_qp_destroy(mpc->qp);
     free(mpc->memory);
-    free(mpc->paced);
-    free(mpc->room);
     free(mpc->rate_of);
     free(mpc->rank);
     free(mpc->first);

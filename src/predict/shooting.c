@@ -17,6 +17,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "base/parts.h"
 #include "plant/plant_internal.h"
 #include "predict/predict_internal.h"
 
@@ -46,40 +47,19 @@ struct apc_shooting {
 static int allocate_shooting(struct apc_shooting *s, const struct apc_shooting_options *o)
 {
     const size_t nx = s->nx, nu = s->nu, ny = s->ny, n = s->n, all = nu + o->model->nd;
-    double *at = calloc(o->model->np + 2 * all + 6 * nu + 2 + 4 * nx + 2 * (nx + ny) + nx * nx + 2 * nx * nu +
-                            ny * (nx + nu) + s->N * nx * (1 + n) + 2 * n,
-                        sizeof(*at));
+    const struct apc_part parts[] = {
+        APC_PART(s->block_of, s->N),  APC_PART(s->whole, nu),      APC_PART(s->unknown, o->n_unknown),
+        APC_PART(s->p, o->model->np), APC_PART(s->bit, nu),        APC_PART(s->begins, nu + 2),
+        APC_PART(s->newer, nu),       APC_PART(s->older, nu),      APC_PART(s->nominal, all),
+        APC_PART(s->input, all),      APC_PART(s->u0, nu),         APC_PART(s->moved, nu),
+        APC_PART(s->slope, nx),       APC_PART(s->at, nx),         APC_PART(s->sum, nx),
+        APC_PART(s->x, nx),           APC_PART(s->up, nx + ny),    APC_PART(s->down, nx + ny),
+        APC_PART(s->A, nx * nx),      APC_PART(s->B, nx * 2 * nu), APC_PART(s->C, ny * nx),
+        APC_PART(s->D, ny * nu),      APC_PART(s->e, s->N * nx),   APC_PART(s->S, s->N * nx * n),
+        APC_PART(s->plan, n),         APC_PART(s->away, n)};
 
-    s->memory = at;
-    s->block_of = calloc(s->N + nu, sizeof(*s->block_of));
-    s->unknown = calloc(o->n_unknown + 1, sizeof(*s->unknown));
-    if (!at || !s->block_of || !s->unknown)
-        return APC_ENOMEM;
-    s->whole = s->block_of + s->N;
-    s->p = apc_carve(&at, o->model->np);
-    s->bit = apc_carve(&at, nu);
-    s->begins = apc_carve(&at, nu + 2);
-    s->newer = apc_carve(&at, nu);
-    s->older = apc_carve(&at, nu);
-    s->nominal = apc_carve(&at, all);
-    s->input = apc_carve(&at, all);
-    s->u0 = apc_carve(&at, nu);
-    s->moved = apc_carve(&at, nu);
-    s->slope = apc_carve(&at, nx);
-    s->at = apc_carve(&at, nx);
-    s->sum = apc_carve(&at, nx);
-    s->x = apc_carve(&at, nx);
-    s->up = apc_carve(&at, nx + ny);
-    s->down = apc_carve(&at, nx + ny);
-    s->A = apc_carve(&at, nx * nx);
-    s->B = apc_carve(&at, nx * 2 * nu);
-    s->C = apc_carve(&at, ny * nx);
-    s->D = apc_carve(&at, ny * nu);
-    s->e = apc_carve(&at, s->N * nx);
-    s->S = apc_carve(&at, s->N * nx * n);
-    s->plan = apc_carve(&at, n);
-    s->away = apc_carve(&at, n);
-    return 0;
+    s->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    return s->memory ? 0 : APC_ENOMEM;
 }
 
 /* Delays, and the parts of an interval that they make. */
@@ -146,8 +126,6 @@ void apc_shooting_destroy(struct apc_shooting *shoot)
 {
     if (!shoot)
         return;
-    free(shoot->unknown);
-    free(shoot->block_of);
     free(shoot->memory);
     free(shoot);
 }

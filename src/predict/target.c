@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/matrix.h"
+#include "base/parts.h"
 
 /* Of two inputs' weights, where their units are far apart. */
 #define LEAST_SHARE 1e-8
@@ -96,42 +97,38 @@ int apc_target_create(struct apc_target **target, struct apc_linear *model, stru
 {
     const size_t nu = model->nu, ny = model->ny, nc = model->nx_plant + model->nx_held, n = nc + nu;
     struct apc_target *t = calloc(1, sizeof(*t));
-    double *at =
-        calloc(n * n + n * nc + (nu + ny) * nu + nu * nu + 10 * nu + n + 3 * nc + 4 * (2 * nu + ny) + ny,
-               sizeof(*at));
-    int rc;
+    int rc = 0;
 
     *target = NULL;
-    if (!t || !at) {
-        free(t);
-        free(at);
+    if (!t)
         return apc_fail(why, APC_ENOMEM, "steady states: no memory");
-    }
-    *t = (struct apc_target){.model = model, .nc = nc, .n = n, .memory = at};
-    t->Q = apc_carve(&at, n * n);
-    t->R = apc_carve(&at, n * nc);
-    t->rows = apc_carve(&at, (nu + ny) * nu);
-    t->H = apc_carve(&at, nu * nu);
-    t->f = apc_carve(&at, nu);
-    t->z = apc_carve(&at, nu);
-    t->found = apc_carve(&at, nu);
-    t->weight = apc_carve(&at, nu);
-    t->reach = apc_carve(&at, nu);
-    t->moved = apc_carve(&at, nu);
-    t->longer = apc_carve(&at, nu);
-    t->lowest = apc_carve(&at, nu);
-    t->highest = apc_carve(&at, nu);
-    t->drift = apc_carve(&at, nc);
-    t->from_x = apc_carve(&at, nc);
-    t->from_u = apc_carve(&at, nu);
-    t->point = apc_carve(&at, n);
-    t->e = apc_carve(&at, nc);
-    t->low = apc_carve(&at, 2 * nu + ny);
-    t->high = apc_carve(&at, 2 * nu + ny);
-    t->square = apc_carve(&at, 2 * nu + ny);
-    t->linear = apc_carve(&at, 2 * nu + ny);
-    t->y = apc_carve(&at, ny);
-    rc = fill_target_rows(t, why);
+    *t = (struct apc_target){.model = model, .nc = nc, .n = n};
+    const struct apc_part parts[] = {APC_PART(t->Q, n * n),
+                                     APC_PART(t->R, n * nc),
+                                     APC_PART(t->rows, (nu + ny) * nu),
+                                     APC_PART(t->H, nu * nu),
+                                     APC_PART(t->f, nu),
+                                     APC_PART(t->z, nu),
+                                     APC_PART(t->found, nu),
+                                     APC_PART(t->weight, nu),
+                                     APC_PART(t->reach, nu),
+                                     APC_PART(t->moved, nu),
+                                     APC_PART(t->longer, nu),
+                                     APC_PART(t->lowest, nu),
+                                     APC_PART(t->highest, nu),
+                                     APC_PART(t->drift, nc),
+                                     APC_PART(t->from_x, nc),
+                                     APC_PART(t->from_u, nu),
+                                     APC_PART(t->point, n),
+                                     APC_PART(t->e, nc),
+                                     APC_PART(t->low, 2 * nu + ny),
+                                     APC_PART(t->high, 2 * nu + ny),
+                                     APC_PART(t->square, 2 * nu + ny),
+                                     APC_PART(t->linear, 2 * nu + ny),
+                                     APC_PART(t->y, ny)};
+
+    t->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+    rc = t->memory ? fill_target_rows(t, why) : apc_fail(why, APC_ENOMEM, "steady states: no memory");
     if (rc < 0)
         apc_target_destroy(t);
     else

@@ -4,6 +4,7 @@
  * daemon reads, it reads when its tick begins; what the daemon writes or sends, it writes or sends when the
  * execution time is over.
  */
+#include "base/parts.h"
 #include "simulation_internal.h"
 
 #include <math.h>
@@ -541,16 +542,12 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
 static int make_simulated_room(struct simulation *s)
 {
     const struct apc_dim *dim = &s->e->dim;
-    s->memory = calloc(dim->nu + dim->ny, sizeof *s->memory);
-    s->command = calloc(dim->nu, sizeof *s->command);
-    s->answer = calloc(dim->ny, sizeof *s->answer);
-    s->outside = calloc(dim->ny, sizeof *s->outside);
-    s->now = calloc(dim->nu, sizeof *s->now);
-    if (!s->memory || !s->outside || !s->command || !s->answer || !s->now ||
-        trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
+    const struct apc_part parts[] = {APC_PART(s->u, dim->nu),       APC_PART(s->y, dim->ny),
+                                     APC_PART(s->command, dim->nu), APC_PART(s->answer, dim->ny),
+                                     APC_PART(s->outside, dim->ny), APC_PART(s->now, dim->nu)};
+    s->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    if (!s->memory || trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
-    s->u = s->memory;
-    s->y = s->u + dim->nu;
     for (size_t i = 0; i < dim->nu; i++)
         s->u[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     return 0;
@@ -643,11 +640,7 @@ void simulation_destroy(struct simulation *s)
     apc_histogram_destroy(s->round_trip);
     free(s->task);
     free(s->controller);
-    free(s->now);
     free(s->memory);
-    free(s->command);
-    free(s->answer);
-    free(s->outside);
     free(s->clock_steps);
     free(s->action_steps);
     free(s->tags);

@@ -61,7 +61,8 @@ struct simulation {
     char uri[40];
 
     /* what the shells keep between two of their events */
-    struct apc_sample *u, *y, *memory;
+    void *memory; /* of the arrays of numbers of inputs and outputs */
+    struct apc_sample *u, *y;
     struct apc_value *command, *answer; /* of the exchange that is under way */
     struct apc_now plant_now;
     apc_ns answered; /* UTC: the exchange that began last brings nothing older */

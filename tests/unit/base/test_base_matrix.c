@@ -2,6 +2,7 @@
 #include "check.h"
 
 #include "base/matrix.h"
+#include "base/parts.h"
 
 static void a_product_and_a_transpose_have_their_shapes(void **state)
 {
@@ -92,6 +93,43 @@ static void an_exponential_that_is_not_finite_is_said_so(void **state)
     assert_int_not_equal(apc_matrix_exponential(1, &bad, &E, work), 0);
 }
 
+/* ---- Arrays of one block ------------------------------------------------------------------- */
+
+static void arrays_of_one_block_are_apart_aligned_and_zero_or_copied(void **state)
+{
+    const double three[3] = {1, 2, 3};
+    double *a, *copy, *none;
+    char *flag;
+    const struct apc_part parts[] = {APC_PART(flag, 3), APC_PART_COPY(copy, 3, three), APC_PART(none, 0),
+                                     APC_PART(a, 5)};
+    void *memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
+
+    (void)state;
+    assert_non_null(memory);
+    assert_int_equal((uintptr_t)a % alignof(max_align_t), 0);
+    assert_int_equal((uintptr_t)copy % alignof(max_align_t), 0);
+    memset(flag, 1, 3);
+    assert_memory_equal(copy, three, sizeof(three));
+    assert_true(none >= copy + 3 && a > none);
+    for (size_t i = 0; i < 5; i++)
+        assert_near(a[i], 0.0, 0.0);
+    free(memory);
+}
+
+/* Their sizes come from what a user asks for: a sum that wraps would be a small block. */
+static void arrays_beyond_counting_are_no_memory(void **state)
+{
+    double *a = NULL, *b = NULL, *c = NULL;
+    const size_t most = SIZE_MAX / 4 / sizeof(*a);
+    const struct apc_part one[] = {APC_PART(a, most + 1)},
+                          sum[] = {APC_PART(a, most), APC_PART(b, most), APC_PART(c, most)};
+
+    (void)state;
+    assert_null(apc_parts_allocate(one, 1));
+    assert_null(apc_parts_allocate(sum, 3));
+    assert_null(a);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -101,6 +139,8 @@ int main(void)
         cmocka_unit_test(what_is_singular_or_no_number_is_not_solved),
         cmocka_unit_test(the_exponential_is_exact_where_it_is_known),
         cmocka_unit_test(an_exponential_that_is_not_finite_is_said_so),
+        cmocka_unit_test(arrays_of_one_block_are_apart_aligned_and_zero_or_copied),
+        cmocka_unit_test(arrays_beyond_counting_are_no_memory),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
