@@ -197,9 +197,7 @@ static int entry_text(const struct entry *e)
             print_cell(&table, PRINT_PLAIN, "%s", value ? print_limit(p->high, text) : "");
             print_cell(&table, PRINT_PLAIN, "%s", text_of(p->description));
         }
-    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 static int list_entries(const struct catalogue *list)
@@ -234,9 +232,7 @@ static int list_entries(const struct catalogue *list)
         }
         print_cell(&table, PRINT_PLAIN, "%s", text_of(e.description));
     }
-    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 static int show_entry(const struct cli *cli, const struct entry *e, bool first)

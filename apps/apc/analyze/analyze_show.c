@@ -64,9 +64,7 @@ static int show_margins(const struct loop_analysis *z)
         put_analysis_number(&t, m->complementary);
         put_analysis_number(&t, m->crossover);
     }
-    const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
-    print_table_close(&t);
-    return rc;
+    return print_table_end(&t, stdout, cli_colour(), 0);
 }
 
 /* ---- What noise costs */
@@ -135,8 +133,7 @@ static int show_loop_cost(const struct loop_analysis *z)
     print_table_open(&t, columns, ny + 3);
     for (int k = first_cause(z); k < COST_CAUSES; k++)
         put_cause(&t, z, k, ny);
-    const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
-    print_table_close(&t);
+    const int rc = print_table_end(&t, stdout, cli_colour(), 0);
     if (z->cost.unknown[0])
         printf("%s\n", z->cost.unknown);
     return rc;

@@ -43,9 +43,7 @@ static int show_numbers(const struct optimization *z)
         print_cell(&t, PRINT_PLAIN, "%.5g", found);
         print_cell(&t, PRINT_PLAIN, "%s", found <= n->low || found >= n->high ? "at its bound" : "");
     }
-    int rc = print_table_show(&t, z->talk, false, 0, "\n");
-    print_table_close(&t);
-    return rc;
+    return print_table_end(&t, z->talk, false, 0);
 }
 
 static int show_loops(const struct optimization *z)
@@ -66,9 +64,7 @@ static int show_loops(const struct optimization *z)
             print_cell(&t, PRINT_PLAIN, "%.5g", best_of(z)->loop[3 * i + k]);
         }
     }
-    int rc = print_table_show(&t, z->talk, false, 0, "\n");
-    print_table_close(&t);
-    return rc;
+    return print_table_end(&t, z->talk, false, 0);
 }
 
 /* Each once: two numbers of a controller stand in one line. */

@@ -79,9 +79,7 @@ static int tuning_text(const struct cli_tags *tags, const struct apc_sample *sam
         print_cell(&table, PRINT_PLAIN, "%s", limit_text(tag->high, text));
         print_cell(&table, PRINT_PLAIN, "%s", tag->description);
     }
-    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 static void tuning_json(const struct cli_tags *tags, const struct apc_sample *samples, int n)

@@ -85,8 +85,7 @@ int all_plants_show(const struct cli *cli)
             print_cell(&table, PRINT_PLAIN, "%s", p->newest ? print_duration(now - p->newest, text) : "-");
             print_cell(&table, PRINT_PLAIN, "%s", p->owned ? "own" : "of another user");
         }
-        rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-        print_table_close(&table);
+        rc = print_table_end(&table, stdout, cli_colour(), 0);
     }
     all_plants_free(&all);
     return cli_done(cli, exit_code_of(rc));

@@ -129,6 +129,14 @@ void print_cell(struct print_table *table, enum print_ink ink, const char *fmt, 
     cell->ink = ink;
 }
 
+void print_number(struct print_table *table, int digits, double value)
+{
+    if (isnan(value))
+        print_cell(table, PRINT_PLAIN, "-");
+    else
+        print_cell(table, PRINT_PLAIN, "%.*g", digits, value);
+}
+
 /* Characters on the screen: bytes that do not continue a UTF-8 sequence. */
 static int width_of(const char *text)
 {
@@ -225,6 +233,13 @@ int print_table_show(struct print_table *table, FILE *out, bool colour, size_t m
         fputs(eol, out);
     }
     return 0;
+}
+
+int print_table_end(struct print_table *table, FILE *out, bool colour, size_t most)
+{
+    const int rc = table->n > 0 || table->failed ? print_table_show(table, out, colour, most, "\n") : 0;
+    print_table_close(table);
+    return rc;
 }
 
 enum print_ink print_ink_of(apc_status status)

@@ -66,8 +66,11 @@ void print_table_open(struct print_table *table, const struct print_column *colu
 void print_table_clear(struct print_table *table); /* no rows again */
 void print_table_close(struct print_table *table);
 void print_cell(struct print_table *table, enum print_ink ink, const char *fmt, ...) APC_PRINTF(3, 4);
+void print_number(struct print_table *table, int digits, double value); /* "-" for none */
 /* Headings and up to @most rows (0: all), each ended by @eol. Returns 0 or APC_ENOMEM. */
 int print_table_show(struct print_table *table, FILE *out, bool colour, size_t most, const char *eol);
+/* The same, of one that has rows, and it is closed. */
+int print_table_end(struct print_table *table, FILE *out, bool colour, size_t most);
 
 /* Plain, or for those of a status that is not Good a warning or an alarm. */
 enum print_ink print_ink_of(apc_status status);

@@ -47,9 +47,7 @@ int alarms_print(const struct alarm_figures *f, const struct experiment *e, apc_
     for (size_t i = 0; i < f->n; i++)
         if (f->alarm[i].raised > 0)
             add_alarm_row(&table, &f->alarm[i], &e->alarm[i], start);
-    const int rc = table.n > 0 ? print_table_show(&table, out, false, MOST, "\n") : 0;
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, out, false, MOST);
 }
 
 /* ---- For programs ------------------------------------------------------------------------- */

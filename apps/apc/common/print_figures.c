@@ -42,8 +42,7 @@ int figures_print(const struct figures *f, const struct trajectory *c, const str
             print_row(&table, m->part[k].figure);
         }
     }
-    int rc = print_table_show(&table, out, false, most, "\n");
-    print_table_close(&table);
+    int rc = print_table_end(&table, out, false, most);
     if (most > 0 && rows > most)
         fprintf(out, "... and %zu rows more: --json has all\n", rows - most);
     if (c->measured)

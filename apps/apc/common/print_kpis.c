@@ -1,24 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "print_kpis.h"
 
-#include <math.h>
-
 #include "print.h"
-
-static void put_kpi(struct print_table *table, double value)
-{
-    if (isnan(value))
-        print_cell(table, PRINT_PLAIN, "-");
-    else
-        print_cell(table, PRINT_PLAIN, "%.4g", value);
-}
-
-static int show_kpi_table(struct print_table *table, FILE *out)
-{
-    int rc = table->n > 0 ? print_table_show(table, out, false, 0, "\n") : 0;
-    print_table_close(table);
-    return rc;
-}
 
 static int print_loops(const struct kpis *m, FILE *out)
 {
@@ -34,14 +17,14 @@ static int print_loops(const struct kpis *m, FILE *out)
     for (size_t i = 0; i < m->n_loops; i++) {
         const struct kpis_loop *l = &m->loop[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
-        put_kpi(&table, 100 * l->service);
-        put_kpi(&table, 100 * l->low);
-        put_kpi(&table, 100 * l->high);
-        put_kpi(&table, l->with);
-        put_kpi(&table, l->without);
-        put_kpi(&table, 100 * l->benefit);
+        print_number(&table, 4, 100 * l->service);
+        print_number(&table, 4, 100 * l->low);
+        print_number(&table, 4, 100 * l->high);
+        print_number(&table, 4, l->with);
+        print_number(&table, 4, l->without);
+        print_number(&table, 4, 100 * l->benefit);
     }
-    return show_kpi_table(&table, out);
+    return print_table_end(&table, out, false, 0);
 }
 
 static int print_predictions(const struct kpis *m, FILE *out)
@@ -56,12 +39,12 @@ static int print_predictions(const struct kpis *m, FILE *out)
     for (size_t i = 0; i < m->n_predictions; i++) {
         const struct kpis_prediction *p = &m->prediction[i];
         print_cell(&table, PRINT_PLAIN, "%s", p->name);
-        put_kpi(&table, p->step);
-        put_kpi(&table, p->first);
+        print_number(&table, 4, p->step);
+        print_number(&table, 4, p->first);
         print_cell(&table, PRINT_PLAIN, "%zu", p->length);
-        put_kpi(&table, p->last);
+        print_number(&table, 4, p->last);
     }
-    return show_kpi_table(&table, out);
+    return print_table_end(&table, out, false, 0);
 }
 
 static int print_limits(const struct kpis *m, FILE *out)
@@ -76,12 +59,12 @@ static int print_limits(const struct kpis *m, FILE *out)
     for (size_t i = 0; i < m->n_limits; i++) {
         const struct kpis_limit *l = &m->limit[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
-        put_kpi(&table, 100 * l->low);
-        put_kpi(&table, 100 * l->high);
-        put_kpi(&table, 100 * l->falls);
-        put_kpi(&table, 100 * l->rises);
+        print_number(&table, 4, 100 * l->low);
+        print_number(&table, 4, 100 * l->high);
+        print_number(&table, 4, 100 * l->falls);
+        print_number(&table, 4, 100 * l->rises);
     }
-    return show_kpi_table(&table, out);
+    return print_table_end(&table, out, false, 0);
 }
 
 int kpis_print(const struct kpis *m, FILE *out)

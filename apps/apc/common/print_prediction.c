@@ -1,25 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "print_prediction.h"
 
-#include <math.h>
-
 #include "print.h"
-
-static void put_predicted(struct print_table *table, double value)
-{
-    if (isnan(value))
-        print_cell(table, PRINT_PLAIN, "-");
-    else
-        print_cell(table, PRINT_PLAIN, "%.6g", value);
-}
 
 static void put_prediction_row(struct print_table *table, const struct prediction_trajectory *c, size_t k)
 {
     print_cell(table, PRINT_PLAIN, "%s", k == 0 ? c->name : "");
-    put_predicted(table, prediction_ahead(c, k));
-    put_predicted(table, c->expected[k]);
-    put_predicted(table, c->came[k]);
-    put_predicted(table, c->came[k] - c->expected[k]);
+    print_number(table, 6, prediction_ahead(c, k));
+    print_number(table, 6, c->expected[k]);
+    print_number(table, 6, c->came[k]);
+    print_number(table, 6, c->came[k] - c->expected[k]);
 }
 
 int prediction_print(const struct prediction *o, FILE *out)
@@ -37,9 +27,7 @@ int prediction_print(const struct prediction *o, FILE *out)
             put_prediction_row(&table, c, k - 1);
         put_prediction_row(&table, c, c->n - 1);
     }
-    const int rc = table.n > 0 ? print_table_show(&table, out, false, 0, "\n") : 0;
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, out, false, 0);
 }
 
 static void values_member(struct text *t, const char *name, const double *v, size_t n)

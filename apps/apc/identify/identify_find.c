@@ -208,8 +208,7 @@ static int show_found_text(const struct finding *f)
         print_cell(&t, PRINT_PLAIN, "%s", p->description ? p->description : "");
     }
     printf("%s of %s, with 95 %% intervals\n", f->e.plant.model->name, f->file);
-    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
-    print_table_close(&t);
+    int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (size_t i = 0; i < d->record.ny && rc == 0; i++)
         printf("%s: running freely the model says %.1f %% of what it was not fitted to\n", d->output[i],
                f->model.validation[i].fit);

@@ -148,8 +148,7 @@ static int show_models(const struct identification *z)
             put_probability(&t, v->independent);
         }
     }
-    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
-    print_table_close(&t);
+    int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (int k = 0; k < KINDS; k++)
         if (z->model[k].kind && !z->model[k].linear)
             printf("no %s: %s\n", z->model[k].kind, z->model[k].why.text);
@@ -232,8 +231,7 @@ static int show_pairs(const struct identification *z)
         print_cell(&t, PRINT_PLAIN, "%s", g->integrating ? "integrating" : "");
     }
     puts("\ntransfer, with 95 % intervals");
-    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
-    print_table_close(&t);
+    int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++)
         if (identify_untold(m, p, untold, sizeof untold))
             printf("%s to %s: the record does not tell %s\n", z->data.input[p % inputs],
@@ -307,8 +305,7 @@ static int show_tunings(const struct identification *z)
     }
     printf("\nSIMC for a loop of each pair, with a controller of %g s; margins of the model\n",
            z->data.record.Ts);
-    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
-    print_table_close(&t);
+    int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++)
         if (p % inputs < z->data.record.nu && !suggest_pid_for_pair(z, p, false, &tuning, &m, &why))
             printf("%s to %s: %s\n", z->data.input[p % inputs], z->data.output[p / inputs], why.text);

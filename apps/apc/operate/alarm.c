@@ -121,9 +121,7 @@ static void list_alarms_text(struct session *s, const struct alarm_now **at, siz
         print_cell(&table, PRINT_PLAIN, "%s", until ? print_second(until, text) : "");
         print_cell(&table, PRINT_PLAIN, "%s", alarm->message);
     }
-    if (n > 0)
-        (void)print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
+    (void)print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 static const char *time_or_none(apc_ns time, char text[APC_TIME_LEN])
@@ -241,8 +239,7 @@ static int show_journal(struct session *s, const struct alarm_journal *j)
             journal_json(s, &j->at[i]);
         else
             journal_text(s, &table, &j->at[i]);
-    const int rc = table.n > 0 ? print_table_show(&table, stdout, cli_colour(), 0, "\n") : 0;
-    print_table_close(&table);
+    const int rc = print_table_end(&table, stdout, cli_colour(), 0);
     return rc < 0 ? cli_error(&s->cli, rc, "out of memory") : EXIT_OK;
 }
 

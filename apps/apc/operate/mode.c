@@ -163,9 +163,7 @@ static int show_table(const struct cli_plant *plant, struct apc_store *store, co
                    actual ? print_age(apc_clock_utc(NULL) - mode[c->n + i].time, text) : "");
         print_cell(&table, PRINT_WARN, "%s", reason ? reason : "");
     }
-    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 static int show_modes(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,

@@ -169,9 +169,7 @@ static int show_values(const struct status *s, bool colour)
     }
     if (shown > 0)
         putchar('\n');
-    int rc = shown > 0 ? print_table_show(&table, stdout, colour, 0, "\n") : 0;
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, colour, 0);
 }
 
 /* Of controllers it stands with their loops. */
@@ -205,9 +203,7 @@ static int show_timing(const struct status *s, bool colour)
         print_cell(&table, t->missed ? PRINT_WARN : PRINT_PLAIN, "%llu", (unsigned long long)t->missed);
     }
     putchar('\n');
-    int rc = print_table_show(&table, stdout, colour, 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, colour, 0);
 }
 
 static int show_recent_events(const struct status *s, bool colour)
@@ -229,9 +225,7 @@ static int show_recent_events(const struct status *s, bool colour)
         print_cell(&table, PRINT_PLAIN, "%s", e->text);
     }
     putchar('\n');
-    int rc = print_table_show(&table, stdout, colour, 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, colour, 0);
 }
 
 static int show_spools(const struct status *s, bool colour)
@@ -256,9 +250,7 @@ static int show_spools(const struct status *s, bool colour)
         print_cell(&table, ink, "%s", w->oldest ? print_duration(s->now - w->oldest, text) : "-");
     }
     putchar('\n');
-    int rc = print_table_show(&table, stdout, colour, 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, colour, 0);
 }
 
 static void show_mode(const struct status *s)

@@ -207,8 +207,7 @@ int status_loops_show(const struct status_loops *s, bool colour)
         for (size_t k = c->first; k < c->first + c->n; k++)
             put_loop(&table, s, k);
         show_controller(s, i);
-        rc = print_table_show(&table, stdout, colour, 0, "\n");
-        print_table_close(&table);
+        rc = print_table_end(&table, stdout, colour, 0);
         status_plan_show(&s->plan[i], s->now);
         for (size_t k = c->first; k < c->first + c->n; k++) {
             if (!s->reason[k][0])

@@ -78,9 +78,7 @@ int status_writes_show(const struct status_writes *w, bool colour)
         print_cell(&table, PRINT_PLAIN, "%s", w->author[i]);
     }
     putchar('\n');
-    const int rc = print_table_show(&table, stdout, colour, 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, colour, 0);
 }
 
 void status_writes_json(const struct status_writes *w, apc_ns now, struct text *t)

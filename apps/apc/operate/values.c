@@ -59,9 +59,7 @@ static int get_text(const struct cli_tags *tags, const struct apc_sample *sample
     print_table_open(&table, print_sample_columns, 6);
     for (int i = 0; i < n; i++)
         print_sample_cells(&table, tags, &samples[i], now, "");
-    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 int command_get(int argc, char **argv)

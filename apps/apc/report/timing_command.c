@@ -79,9 +79,7 @@ static int show_timing_table(const struct cli *cli, const struct timing *timing)
     for (size_t i = 0; i < timing->n; i++)
         if (wanted(cli, timing->series[i].task))
             show_row(&table, &timing->series[i]);
-    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 static void show_timing_csv(const struct cli *cli, const struct timing *timing)

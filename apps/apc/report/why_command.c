@@ -114,9 +114,7 @@ static int print_causes(const struct why *w)
         print_cell(&table, PRINT_PLAIN, "%s", "");
         print_effect(&table, w, rest[i].effect);
     }
-    const int rc = table.n > 0 ? print_table_show(&table, stdout, cli_colour(), 0, "\n") : 0;
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, stdout, cli_colour(), 0);
 }
 
 /* Inputs that changed and moved nothing stand at the end. */

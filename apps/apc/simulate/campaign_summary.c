@@ -46,23 +46,15 @@ static const char *campaign_loop_name(const struct campaign *c, size_t loop)
     return c->loop[loop].name;
 }
 
-static void put_summary_number(struct print_table *table, int digits, double value)
-{
-    if (isnan(value))
-        print_cell(table, PRINT_PLAIN, "-");
-    else
-        print_cell(table, PRINT_PLAIN, "%.*g", digits, value);
-}
-
 static void put_summary_row(struct print_table *table, const struct statistic *s)
 {
-    put_summary_number(table, 5, s->mean);
-    put_summary_number(table, 3, s->half);
-    put_summary_number(table, 3, s->sd);
-    put_summary_number(table, 5, s->median);
-    put_summary_number(table, 5, s->p95);
-    put_summary_number(table, 5, s->p99);
-    put_summary_number(table, 5, s->worst);
+    print_number(table, 5, s->mean);
+    print_number(table, 3, s->half);
+    print_number(table, 3, s->sd);
+    print_number(table, 5, s->median);
+    print_number(table, 5, s->p95);
+    print_number(table, 5, s->p99);
+    print_number(table, 5, s->worst);
     if (s->n > 0)
         print_cell(table, PRINT_PLAIN, "%llu", (unsigned long long)s->worst_seed);
     else
@@ -71,9 +63,9 @@ static void put_summary_row(struct print_table *table, const struct statistic *s
 
 static void put_difference(struct print_table *table, const struct statistic *s)
 {
-    put_summary_number(table, 5, s->mean);
-    put_summary_number(table, 5, s->mean - s->half);
-    put_summary_number(table, 5, s->mean + s->half);
+    print_number(table, 5, s->mean);
+    print_number(table, 5, s->mean - s->half);
+    print_number(table, 5, s->mean + s->half);
     print_cell(table, PRINT_PLAIN, "%s",
                isnan(s->half)          ? ""
                : s->mean - s->half > 0 ? "more"
@@ -97,9 +89,7 @@ static int print_table(const struct campaign *c, const struct print_column *colu
             else
                 put_summary_row(&table, &s);
         }
-    int rc = print_table_show(&table, c->options->talk, false, 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, c->options->talk, false, 0);
 }
 
 static void put_column_json(const struct campaign *c, const char *name, const double *former,

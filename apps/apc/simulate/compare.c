@@ -223,8 +223,7 @@ static int print_comparison(const struct comparison *z, bool unchanged, FILE *ou
         if (is_difference_shown(&z->of[i]))
             print_variable(z->c, unchanged ? &z->of[i].unchanged : &z->of[i].simulated, &z->of[i].recorded,
                            z->of[i].tag, &table);
-    const int rc = print_table_show(&table, out, false, 0, "\n");
-    print_table_close(&table);
+    const int rc = print_table_end(&table, out, false, 0);
     return rc < 0 ? APC_ENOMEM : 0;
 }
 

@@ -137,9 +137,7 @@ static int print_differences(const struct replay_command *c)
         print_cell(&table, PRINT_PLAIN, d->high > d->low ? "%.4f" : "-", 100 * d->worst / (d->high - d->low));
         print_cell(&table, PRINT_PLAIN, "%.3f", d->at);
     }
-    int rc = print_table_show(&table, c->talk, false, 0, "\n");
-    print_table_close(&table);
-    return rc;
+    return print_table_end(&table, c->talk, false, 0);
 }
 
 static int replay(struct replay_command *c)

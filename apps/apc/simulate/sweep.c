@@ -101,14 +101,6 @@ static int gather_sweep(struct swept *z)
     return good ? 0 : APC_ENOMEM;
 }
 
-static void put_sweep_number(struct print_table *t, int digits, double value)
-{
-    if (isnan(value))
-        print_cell(t, PRINT_PLAIN, "-");
-    else
-        print_cell(t, PRINT_PLAIN, "%.*g", digits, value);
-}
-
 /* Nothing for none. */
 static void put_count(struct print_table *t, unsigned n)
 {
@@ -137,16 +129,14 @@ static int put_table(const struct swept *z)
             put_count(&t, several ? p->made : 0);
             put_count(&t, p->diverged);
             for (size_t k = 0; k < SHOWN; k++) {
-                put_sweep_number(&t, 5, p->of[shown[k]].mean);
+                print_number(&t, 5, p->of[shown[k]].mean);
                 if (several)
-                    put_sweep_number(&t, 3, p->of[shown[k]].half);
+                    print_number(&t, 3, p->of[shown[k]].half);
                 else
                     print_cell(&t, PRINT_PLAIN, "%s", "");
             }
         }
-    int rc = print_table_show(&t, c->options->talk, false, 0, "\n");
-    print_table_close(&t);
-    return rc;
+    return print_table_end(&t, c->options->talk, false, 0);
 }
 
 static int put_sweep_csv(const struct swept *z, struct apc_error *why)
