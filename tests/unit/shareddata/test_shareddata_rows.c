@@ -479,6 +479,19 @@ static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state
     assert_mode(*state, 2, APC_MODE_MAN, 5, 5);
 }
 
+static void test_a_loop_without_a_seq_left_keeps_the_mode_of_all_out(void **state)
+{
+    const struct apc_tag tag = {.table = APC_OPMODE, .id = 1, .name = "u", .controller = "base"};
+    const struct apc_sample last = sample(APC_OPMODE, 1, APC_SEQ_MAX, APC_MODE_AUTO);
+    struct apc_sample s = {.table = APC_OPMODE, .value = APC_MODE_MAN};
+    assert_int_equal(apc_store_put_tags(*state, &tag, 1), 1);
+    assert_int_equal(apc_store_append(*state, &last, 1), 1);
+    assert_int_equal(apc_store_put(*state, &s, 1), APC_ESTORE);
+    assert_non_null(strstr(apc_store_error(*state), "seq_in_range"));
+    assert_int_equal(newest_mode(*state, 0).seq, 0);
+    assert_mode(*state, 1, APC_MODE_AUTO, APC_SEQ_MAX, 0);
+}
+
 /* Promise(database/put-mode-put) */
 static void test_what_is_appended_is_stored_as_it_is(void **state)
 {
@@ -713,6 +726,7 @@ int main(void)
         T(test_what_makes_no_sense_is_refused_and_nothing_is_written),
         T(test_a_row_that_the_store_refuses_keeps_all_out),
         T(test_what_is_put_to_the_mode_of_all_is_put_to_each_loop),
+        T(test_a_loop_without_a_seq_left_keeps_the_mode_of_all_out),
         T(test_what_is_appended_is_stored_as_it_is),
         T(test_a_wait_sees_rows),
         T(test_variables_of_vectors_are_named_as_well),

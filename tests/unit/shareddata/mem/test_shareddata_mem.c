@@ -100,6 +100,13 @@ static void test_a_name_is_shared_and_gone_with_its_last_handle(void **state)
     apc_store_close(one);
 }
 
+static int no_vector(void *ctx, const struct apc_vector *v)
+{
+    (void)ctx;
+    fail_msg("a vector of table %d before there are tables", (int)v->table);
+    return 1;
+}
+
 static void test_before_init_there_are_no_tables(void **state)
 {
     (void)state;
@@ -112,6 +119,11 @@ static void test_before_init_there_are_no_tables(void **state)
     assert_int_equal(apc_store_claim(store, APC_SENSOR, 1, last), APC_ESCHEMA);
     assert_int_equal(apc_store_wait(store, &s, 1, 0), APC_ESCHEMA);
     assert_non_null(strstr(apc_store_error(store), "apc_store_init"));
+    assert_int_equal(apc_store_vectors(store, APC_TICK, 1, NULL, no_vector, NULL), APC_ESCHEMA);
+    assert_int_equal(apc_store_author(store, "joe"), APC_ESCHEMA);
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), APC_ESCHEMA);
+    assert_int_equal(apc_store_catalogue(store, NULL, 0, NULL), APC_ESCHEMA);
+    assert_int_equal(apc_store_variables(store, NULL, 0), APC_ESCHEMA);
     apc_store_close(store);
 }
 
