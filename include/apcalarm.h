@@ -124,7 +124,7 @@ struct apc_alarm {
 /** Most alarms of a plant: their switches have ids of their own in table opmode. */
 #define APC_ALARMS_MAX 4095
 
-/** What people want of alarm number @p alarm, from 1, are rows of table opmode with these ids: */
+/** Requests for alarm number @p alarm, from 1, are rows of table opmode with these ids: */
 enum apc_alarm_switch {
     APC_ALARM_ACK = 3,    /**< acknowledged, or if it is latched and acknowledged reset: seq of the newest
                              row of table alarm that was seen */
@@ -158,11 +158,11 @@ enum apc_alarms_tick {
 
 /**
  * The alarms of a plant, alarm number i the one with id i in table alarm. A row of that table is a
- * transition. Its value is the state that it leads to, its status the quality of the measurement that it was
- * judged by, its author the person who wanted it. Its origin is its number in the journal, which counts the
- * transitions of all alarms from 1. An alarm without a row is NORMAL.
+ * transition. Its value is the new state, its status the quality of the judged measurement, its author the
+ * person who requested it. Its origin is its number in the journal, which counts the transitions of all
+ * alarms from 1. An alarm without a row is NORMAL.
  *
- * What people want (enum apc_alarm_switch) has an outcome in table actual, as any other wish.
+ * A request (enum apc_alarm_switch) has its outcome in table actual, as any other.
  *
  * The core knows no store. Around it stands a shell:
  *
@@ -182,8 +182,8 @@ APC_API int apc_alarms_create(struct apc_alarms **alarms, const struct apc_alarm
                               struct apc_error *why);
 APC_API void apc_alarms_destroy(struct apc_alarms *alarms); /**< NULL is legal. [setup] */
 
-/** What it reads at each tick, and what the last tick wrote: the core's own memory; table and id stay as they
- * are. [any] */
+/** The rows to read at each tick, and those that the last tick wrote. They are the core's own memory; leave
+ * table and id as they are. [any] */
 APC_API struct apc_rows *apc_alarms_in(struct apc_alarms *alarms);
 APC_API struct apc_rows *apc_alarms_out(struct apc_alarms *alarms); /**< transitions first. [any] */
 /** What a restart goes on from. Fill it, then apc_alarms_resume(). [any] */

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /**
  * @file apcanalysis.h
- * A closed loop as it really ticks: a linear plant that moves on all the time, controllers that compute now
- * and then from what was measured a while ago, outputs that act a while later. How much of a change it
- * tolerates, how it answers to each frequency, and how far noise moves it.
+ * A closed loop as it ticks: a linear plant in continuous time, controllers that compute at their ticks from
+ * older measurements, outputs that act later still. How much of a change it tolerates, how it answers to each
+ * frequency, and how far noise moves it.
  *
  * All of it follows from one map: what a period of ticks makes of the state of plant, laws and everything
  * under way. Nothing is made up of half periods and Pade approximations.
@@ -129,8 +129,8 @@ struct apc_loop_course {
     const struct apc_loop_tick *tick; /**< nothing of it may lie beyond the period */
 };
 /**
- * The mean squares that the loop settles at, averaged over the plant's periods: @p y [ny] of what the plant
- * puts out, without its sensors' errors, @p u [outputs] of what acts. By the recursion of the covariance
+ * The mean squares in steady state, averaged over the plant's periods: @p y [ny] of the plant's outputs,
+ * without the errors of sensors, @p u [outputs] of the outputs that act. By the recursion of the covariance
  * (Nilsson, Real-Time Control Systems with Delays, 1998; Lincoln and Cervin, Jitterbug, CDC 2002): no random
  * number is drawn. @p course NULL: the loop's own ticks, in each period. [setup] Returns 0; APC_ESOLVER: it
  * grows without bound; APC_EINVAL, APC_ENOMEM.

@@ -294,8 +294,8 @@ struct apc_log;
 
 /** Start a log on @p fd (not closed by it). [setup] Returns 0, APC_EINVAL, APC_ENOMEM or APC_ESYS. */
 APC_API int apc_log_create(struct apc_log **log, int fd, const char *name, enum apc_log_level level);
-/** Write out what is queued, end the thread. What a reader that has stopped reading does not take within half
- * a second is dropped. NULL is legal. [setup] */
+/** Write out what is queued, end the thread. Output that a stopped reader does not take within half a second
+ * is dropped. NULL is legal. [setup] */
 APC_API void apc_log_destroy(struct apc_log *log);
 /** Queue one message; @p fmt gives the text, quoted by the log. Longer than 400 bytes is cut. [tick] */
 APC_API void apc_log_write(struct apc_log *log, enum apc_log_level level, const char *fmt, ...)

@@ -258,7 +258,7 @@ struct apc_pair {
     size_t measurement, setpoint;
 };
 /**
- * What each output is shown and judged by, as the law's ports say: @p pair [nu]. [setup] Returns 0, or
+ * The measurement and setpoint of each output, by the law's ports: pair [nu]. [setup] Returns 0, or
  * APC_EINVAL with the reason: the law refuses the settings, or names what there is not.
  */
 APC_API int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup,

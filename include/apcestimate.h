@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /**
  * @file apcestimate.h
- * What the state of a plant is, from what went in and what was measured.
+ * Estimates of a plant's state, from its inputs and its measurements.
  *
  * Each sample: correct with what was measured, use the state, predict with what went out. The estimator's
  * memory is an array of the caller's, s: a law may keep it in its x, and a restart continues bit for bit. The

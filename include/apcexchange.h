@@ -55,7 +55,7 @@ enum apc_modbus_type {
 
 #define APC_MODBUS_CODES 4 /**< of one point that say that there is no value */
 
-/** Where in the plant's memory a value is, and how it is written there: value = scale * raw + offset. */
+/** The place of a value in the plant's memory, and its coding: value = scale * raw + offset. */
 struct apc_modbus_point {
     enum apc_modbus_area area;
     enum apc_modbus_type type; /**< types of 32 and 64 bits take 2 and 4 registers */

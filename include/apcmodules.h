@@ -26,7 +26,7 @@ struct apc_now {
     apc_ns mono, utc;
 };
 
-/** What came to pass at a tick, for the shell to log and to record as an event. */
+/** The events of a tick, for the shell to log and to record. */
 struct apc_notice {
     enum apc_notice_kind {
         APC_NOTICE_NONE = 0,
@@ -63,9 +63,9 @@ struct apc_freshness {
 APC_API bool apc_freshness_look(struct apc_freshness *f, int64_t mark, apc_ns source_time, struct apc_now now,
                                 apc_ns horizon);
 /**
- * The same of what is stamped when it is written, as a row of another controller is: between two looks it
- * changed when its stamp says, where that lies between them. So one who looks seldom does not take what was
- * written soon after the last look, and not again, for new. [tick]
+ * The same for rows whose time stamp says when they were written, as those of another controller. A new row
+ * counts from that time, if it lies between two looks. So a row that was written just after a rare look is
+ * not taken for new at the next one. [tick]
  */
 APC_API bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns written, struct apc_now now,
                                  apc_ns horizon);
@@ -146,21 +146,20 @@ APC_API int apc_scheduler_create(struct apc_scheduler **scheduler,
                                  const struct apc_scheduler_options *options, struct apc_error *why);
 APC_API void apc_scheduler_destroy(struct apc_scheduler *scheduler); /**< NULL is legal. [setup] */
 
-/** What it reads and what it writes: one snapshot before each compute, one append after it. They live as
- * long as the scheduler. [any] */
+/** The rows that it reads and those that it writes: one snapshot before each compute, one append after it.
+ * They live as long as the scheduler. [any] */
 APC_API struct apc_rows *apc_scheduler_in(struct apc_scheduler *scheduler);
 APC_API struct apc_rows *apc_scheduler_out(struct apc_scheduler *scheduler); /**< Likewise. [any] */
 
-/** Begin in the middle of a step that began at @p since: what was written since then, and not to give the
- * setpoint back, need not be written again. After in was read, before the first compute. [setup] */
+/** Begin in the middle of a step that began at @p since. Rows written since then are not written again, but
+ * for those that gave the setpoint back. After in was read, before the first compute. [setup] */
 APC_API void apc_scheduler_resume(struct apc_scheduler *scheduler, uint64_t step, apc_ns since);
 
 /**
- * Fill out with what is due while number @p step of the grid is, @p age after it began: the steps that are
- * not there yet of the setpoints that are Remote, and with each its plan. Each says the newest row that was
- * read, so that it is left out if somebody was faster. The notice tells, once, of those that became Local or
- * Remote. Called at each step, and in between to see whether the owner changed. Returns how many setpoints.
- * [tick]
+ * Fill out with the rows due in step number @p step of the grid, @p age after it began. These are the missing
+ * steps of the setpoints that are Remote, each with its plan. Each says the newest row that was read, so that
+ * it is left out if somebody was faster. The notice tells, once, of those that became Local or Remote. Called
+ * at each step, and in between to see whether the owner changed. Returns how many setpoints. [tick]
  */
 APC_API int apc_scheduler_compute(struct apc_scheduler *scheduler, struct apc_now now, uint64_t step,
                                   apc_ns age, struct apc_notice *notice);
@@ -246,9 +245,9 @@ struct apc_plantserver;
 APC_API int apc_plantserver_create(struct apc_plantserver **server,
                                    const struct apc_plantserver_options *options, struct apc_error *why);
 APC_API void apc_plantserver_destroy(struct apc_plantserver *server); /**< NULL is legal. [setup] */
-/** From now on noise, disturbances, sensors and actuators are those of @p options, of which the rest is not looked at:
- * what of its disturbances has been until now, and its seed, is passed over. [setup] Returns 0 or APC_EINVAL;
- * then nothing has changed. */
+/** From now on noise, disturbances, sensors and actuators are those of @p options; its other members are
+ * ignored. Disturbances of the past, and the seed, are ignored too. [setup] Returns 0 or APC_EINVAL; then
+ * nothing has changed. */
 APC_API int apc_plantserver_change(struct apc_plantserver *server,
                                    const struct apc_plantserver_options *options, struct apc_error *why);
 /**
@@ -275,13 +274,13 @@ APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_n
 APC_API const struct apc_watchdog *apc_plantserver_watchdog(const struct apc_plantserver *server);
 /** The newest connection that sent a command; 0: none yet. [any] */
 APC_API uint64_t apc_plantserver_commander(const struct apc_plantserver *server);
-/** What the plant's actuators are told now: [nu]; true when it is the safe value. [tick] */
+/** The present command to the plant's actuators: [nu]; true when it is the safe value. [tick] */
 APC_API bool apc_plantserver_input(const struct apc_plantserver *server, double *u);
-/** What the plant itself put out at the last tick at which it could be solved, before sensors made of it what
- * they show: [ny], the server's own. [tick] */
+/** The plant's own outputs, before its sensors, at the last tick at which it could be solved: [ny], the
+ * server's memory. [tick] */
 APC_API const double *apc_plantserver_output(const struct apc_plantserver *server);
-/** The oldest time, UTC, of the measurements as they stand, which no reply from now on goes behind while the
- * clock does not step back; 0: not all have been taken yet. [tick] */
+/** The oldest source time, UTC, of the present measurements; 0: some have not been taken yet. No later reply
+ * has an older one, unless the clock steps back. [tick] */
 APC_API apc_ns apc_plantserver_oldest(const struct apc_plantserver *server);
 
 /* ---- Client ------------------------------------------------------------------------------- */
@@ -532,9 +531,8 @@ APC_API struct apc_rows *apc_controller_in(struct apc_controller *controller);
  * setpoints nor what became of those are among it. [any]
  */
 APC_API struct apc_rows *apc_controller_out(struct apc_controller *controller);
-/** What a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in tables actual and
- * estimate.
- * Fill it, then apc_controller_resume(). [any] */
+/** The rows that a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in tables
+ * actual and estimate. Fill it, then apc_controller_resume(). [any] */
 APC_API struct apc_rows *apc_controller_former(struct apc_controller *controller);
 
 /**

@@ -75,8 +75,8 @@ APC_API int apc_simulation_create(struct apc_simulation **s, const struct apc_ex
 APC_API void apc_simulation_destroy(struct apc_simulation *s); /**< NULL is legal. [setup] */
 
 /**
- * Go on until @p until, in s since t = 0; 0: to the end of the experiment's duration. What happens at that
- * very instant is left for the next call; a time that is past does nothing. Returns 0, or why it cannot go on
+ * Go on until @p until, in s since t = 0; 0: to the end of the experiment's duration. Events at that very
+ * instant are left for the next call; a time that is past does nothing. Returns 0, or why it cannot go on
  * (APC_ESOLVER: the plant diverged, ...), which it then always returns. [setup]
  */
 APC_API int apc_simulation_run(struct apc_simulation *s, double until);
@@ -104,8 +104,8 @@ APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const 
  * or there is no value yet) or another error. [setup] */
 APC_API int apc_simulation_read(const struct apc_simulation *s, const char *name, struct apc_value *value);
 
-/** Where the modules of the simulation meet: all rows and events of it, and what its variables are called.
- * Lives as long as the simulation; times are from 2000-01-01 on. [setup] */
+/** The store of the simulation: all its rows and events, and the names of its variables. Lives as long as the
+ * simulation; times are from 2000-01-01 on. [setup] */
 APC_API struct apc_store *apc_simulation_store(struct apc_simulation *s);
 /** Why the last call that failed did. Lives until the next one. [setup] */
 APC_API const char *apc_simulation_error(const struct apc_simulation *s);

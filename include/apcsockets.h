@@ -102,9 +102,8 @@ APC_API int apc_frame_decode(const char *text, size_t length, struct apc_frame *
 /* ---- Who is who: tls: ----------------------------------------------------------------------- */
 
 /**
- * What a program proves by who it is, and believes others by: its private key, its certificate, and the
- * certificates of the authorities that vouch for the peers. `apc cert` makes such a file. A link or server
- * that has one borrows it.
+ * The identity of a program: its private key, its certificate, and the certificates of the authorities whose
+ * peers it accepts. `apc cert` makes such a file. A link or server that has one borrows it.
  */
 struct apc_identity;
 
@@ -277,9 +276,8 @@ struct apc_network_stats {
 };
 
 /**
- * One direction of a network: pure, it keeps no frames and knows no clock. Every model draws from a stream of
- * its own, and a frame that is lost draws all the same, so that changing one model changes the draws of no
- * other. One thread at a time.
+ * One direction of a network: pure, it keeps no frames and knows no clock. Every model draws from its own
+ * stream, for lost frames too, so a change of one model changes the draws of no other. One thread at a time.
  */
 struct apc_network;
 

@@ -133,14 +133,14 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
  *   `refused`. What was acknowledged is never thrown away.
  * - Samples drain once: see apc_store_append(). A sample whose seq another writer took meanwhile, with
  *   another value, is found: the spool is set aside as FILE.conflict-TIME, and the answer is APC_ECONFLICT.
- *   Of events that may have been stored already, those that stand there are left out, if this user may read
- *   events.
+ *   Events that may have been stored already are looked up, if this user may read events, and left out if
+ *   they are there.
  * - A spool of another writer (options->name) or for another store is refused by apc_store_open(), one that
  *   another process has in use too. One that is damaged is kept as FILE.damaged-TIME; what is readable
  *   goes on.
  *
- * All else goes to the store itself. What commands (setpoints, outputs, modes, tuning) must not be spooled:
- * it would come late and look new.
+ * All else goes to the store itself. Commands (setpoints, outputs, modes, tuning) must not be spooled: they
+ * would come late and look new.
  */
 
 /** A spool as it lies on disk. */
@@ -231,7 +231,7 @@ APC_API int apc_store_put(struct apc_store *store, struct apc_sample *samples, s
 
 /**
  * Compare and set: as apc_store_put(), but each samples[i].seq is the newest one that the caller knows (0:
- * there is none), and nothing is written unless all of them are the newest still. Then the answer is
+ * there is none). Nothing is written unless all of them are still the newest. Otherwise the answer is
  * APC_ECONFLICT, and @p samples are what is newest now, as from apc_store_read(). Returns 0 with the new seqs
  * filled in. After APC_ECONN or APC_ETIMEDOUT it may have taken place: a repeat then answers APC_ECONFLICT
  * and shows the caller's own values. [setup]
@@ -305,7 +305,7 @@ typedef int (*apc_vector_fn)(void *ctx, const struct apc_vector *vector);
 APC_API int apc_store_vectors(struct apc_store *store, enum apc_table table, int id,
                               const struct apc_range *range, apc_vector_fn fn, void *ctx);
 
-/** What an interval of a variable's history holds: the samples of source time from <= t < until. */
+/** The contents of an interval of a variable's history: the samples of source time from <= t < until. */
 struct apc_history_bin {
     apc_ns from, until;
     uint64_t count, bad;         /**< samples that are not Bad; samples that are */
@@ -434,11 +434,11 @@ APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *ra
 /* ---- From one store into another ---------------------------------------------------------- */
 
 /**
- * What one store holds, and gets, into another: samples and vectors of all variables, events, timing,
- * descriptions with the catalogue, names of authors. Each row once, those of a variable in the order of their
- * seqs, under the seqs that they have. A restart goes on from the newest row of each variable in TO. Events
- * and timing have no seq: after a start, and after an append whose outcome is not known, it looks up which of
- * them TO has. What is missing in TO below its newest is not seen.
+ * Replication of one store into another: samples and vectors of all variables, events, timing, descriptions
+ * with the catalogue, names of authors. Each row once, those of a variable in the order of their seqs, under
+ * the seqs that they have. A restart goes on from the newest row of each variable in TO. Events and timing
+ * have no seq: after a start, and after an append whose outcome is not known, it looks up which of them TO
+ * has. What is missing in TO below its newest is not seen.
  */
 struct apc_replication;
 
@@ -459,8 +459,8 @@ struct apc_replication_stats {
                  there of what TO had at the start */
     uint64_t older; /**< so many times TO had less than it had taken, a backup that was restored: it is sent
                        again */
-    /** What TO had already under the number of one of FROM's, and is not that: somebody else wrote there. It
-     * is left as it is. */
+    /** Rows of TO that differ from FROM's row of the same number: somebody else wrote there. They stay.
+     */
     struct {
         uint64_t rows;
         enum apc_table table; /**< the last of them, with id and seq */

@@ -127,7 +127,7 @@ struct apc_tick {
 typedef int (*apc_task_fn)(void *ctx, const struct apc_tick *tick);
 
 /**
- * What becomes of ticks whose instants pass while the callback runs, or while the process does not. A tick
+ * How ticks are treated whose instants pass while the callback runs, or while the process does not. A tick
  * whose instant is exactly now has not passed.
  */
 enum apc_overrun {
@@ -173,7 +173,7 @@ struct apc_executive_options {
      * executive "virtual" is its own clock and takes none. */
     const struct apc_clock *clock;
     struct apc_log *log; /**< NULL: silent */
-    /* What follows is done if the process may; if not, a line in the log says so, and all goes on without. */
+    /* The following is done if the process may. If not, a line in the log says so, and it goes on without. */
     /**
      * Hold /dev/cpu_dma_latency at 0 while the executive lives, which takes root: no CPU enters a sleep state
      * that takes long to leave. It halves the lateness; idle CPUs then use full power.

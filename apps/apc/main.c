@@ -15,24 +15,22 @@ static const struct {
     const char *group;
 } commands[] = {
     {"run", command_run, "run an experiment in real time and leave a report", "Run"},
-    {"drain", command_drain, "store what was left behind in a folder, by daemons or a killed run", NULL},
+    {"drain", command_drain, "store the rows that daemons or a killed run left in a folder", NULL},
     {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds", "Simulate"},
-    {"replay", command_replay, "give a recorded run to a controller and see how its outputs differ", NULL},
-    {"status", command_status, "what every part is doing: modes, values with their age, timing, events",
-     "Operate"},
+    {"replay", command_replay, "repeat the controllers of a recorded run, and compare their outputs", NULL},
+    {"status", command_status, "show modes, values with their age, timing, events", "Operate"},
     {"get", command_get, "newest values", NULL},
     {"set", command_set, "write a setpoint, or an output in mode Man", NULL},
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS",
      NULL},
     {"remote", command_remote, "give a setpoint back to the controller above that moves it", NULL},
-    {"promote", command_promote, "have a controller act that is in shadow of another one", NULL},
+    {"promote", command_promote, "make a shadow controller the active one", NULL},
     {"watch", command_watch, "follow values as they change", NULL},
-    {"alarm", command_alarm, "the alarms: list, acknowledge, shelve, and all that they did", NULL},
+    {"alarm", command_alarm, "list, acknowledge and shelve alarms; their journal", NULL},
     {"history", command_history, "past values of a variable, or events", "Look back"},
-    {"why", command_why, "which inputs moved an output of a run, and by how much", NULL},
-    {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks",
-     NULL},
-    {"report", command_report, "draw the report of a run again", NULL},
+    {"why", command_why, "which inputs moved an output, and by how much", NULL},
+    {"timing", command_timing, "lateness, jitter, run time and missed ticks of the tasks", NULL},
+    {"report", command_report, "figures and KPIs of a run or a store; draws the report", NULL},
     {"test", command_test, "move a plant, simulated or live, so that it can be identified", "Identify"},
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants",
      NULL},
@@ -40,17 +38,15 @@ static const struct {
      "Design and tune"},
     {"analyze", command_analyze, "margins, sensitivity and poles of the loops as they tick", NULL},
     {"tune", command_tune, "show or change the tuning of the control law", NULL},
-    {"optimize", command_optimize, "search numbers of an experiment with which it is controlled better",
-     NULL},
-    {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs",
-     "Set up and maintain"},
-    {"laws", command_laws, "the control laws there are: their tuning parameters and settings", NULL},
+    {"optimize", command_optimize, "search better tuning and settings of an experiment", NULL},
+    {"plants", command_plants, "list the plants: parameters, states, inputs, outputs", "Set up and maintain"},
+    {"laws", command_laws, "list the control laws: tuning parameters and settings", NULL},
     {"init", command_init, "make or update the tables, and describe an experiment in them", NULL},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store", NULL},
-    {"restore", command_restore, "put a backup in the place of a record that is a file", NULL},
-    {"maintain", command_maintain, "make room ahead for samples, and drop what is old", NULL},
-    {"user", command_user, "who may use the operator's page", NULL},
-    {"cert", command_cert, "an authority, and certificates of a plant and its clients, for tls:", NULL},
+    {"restore", command_restore, "put a backup back into a record that is a file", NULL},
+    {"maintain", command_maintain, "prepare room for new samples; drop or pack old ones", NULL},
+    {"user", command_user, "list, add and remove users of the operator's page", NULL},
+    {"cert", command_cert, "make the certificates of a plant and its clients, for tls:", NULL},
 };
 
 static void usage(FILE *out)
@@ -66,8 +62,8 @@ static void usage(FILE *out)
     fputs("\n`apc COMMAND --help` tells more. The shared data are those of --store URI, of\n"
           "APC_STORE, or of the PostgreSQL of libpq's environment (PGHOST, PGSERVICE, ...).\n"
           "\nExit codes, also of the daemons:\n"
-          "  0  all was done\n"
-          "  1  it failed, for another reason than those below\n"
+          "  0  success\n"
+          "  1  failure, for a reason not listed below\n"
           "  2  the command line is wrong\n"
           "  3  no connection to the store, the plant or the page's port\n"
           "  4  refused: outside its limits, in use by another, not allowed\n"

@@ -31,7 +31,7 @@ static const struct option_spec own_options[] = {
 };
 
 static const struct cli_spec spec = {
-    .doc = "Make room ahead for what will be stored, and drop what is older than is to be kept. For the "
+    .doc = "Make the partitions of the coming weeks, and drop or pack old rows as the options say. For the "
            "owner of "
            "the tables; run it once a day, the programs may go on meanwhile. Samples are dropped by the week "
            "where "

@@ -113,9 +113,9 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "FILE --over PATH=LOW..HIGH ...",
-    .doc = "Search numbers of the experiment FILE with which it costs less: a weighted sum of IAE, effort, "
-           "overshoot and limits that are "
-           "not kept, of simulated runs over the same seeds. Shows what was found as lines to paste, and the "
+    .doc = "Search tuning and settings of the experiment FILE that cost less. The cost is a weighted sum of "
+           "IAE, effort, overshoot and violated limits of simulated runs over the same seeds. Shows what was "
+           "found as lines to paste, and the "
            "front of "
            "IAE against effort. Nothing is changed but what --write names. The same command finds the same.",
     .min_args = 1,

@@ -22,8 +22,8 @@ static const char *const rules[SUGGEST_RULES + 1] = {"simc", "lambda", "relay", 
 #define AT(member) .to = offsetof(struct suggest_options, member)
 static const struct option_spec own_options[] = {
     {"suggest", 0, "RUN",
-     "Of run folder RUN, best one of apc test: tunings of its PI and PID loops, with what they do beside the "
-     "present ones",
+     "Suggest tunings of the PI and PID loops of run folder RUN, best one of apc test, and compare them with "
+     "the present ones",
      OPTION_TEXT, AT(run)},
     {"model", 0, "FILE",
      "Take the plant from this model file of transfer functions; RUN may then be an experiment file",
@@ -35,7 +35,8 @@ static const struct option_spec own_options[] = {
      "simc (the default), lambda or relay: by the loop's limit, of the oscillation in RUN where that is a "
      "test by a relay, else of the model",
      OPTION_CHOICE, AT(rule), .choices = rules, .must = "be simc, lambda or relay"},
-    {"tau-c", 0, "S", "How fast the loops are to be; default: as their dead time. Longer is calmer",
+    {"tau-c", 0, "S",
+     "Closed-loop time constant, in s, that simc and lambda aim at; default: the dead time. Longer is calmer",
      OPTION_NUMBER, AT(tau_c), .must = "be s, above 0"},
     {"apply", 0, NULL, "Write what is suggested, as one change", OPTION_FLAG, AT(apply)},
     {0},

@@ -81,11 +81,12 @@ static void check_identify_options(void *input, const struct argp_state *state)
 
 #define AT(member) .to = offsetof(struct identify_options, member)
 static const struct option_spec own_options[] = {
-    {"inputs", 0, "NAMES", "What went in, as v1,v2; of a run folder: all outputs of its controllers",
-     OPTION_OWN, .take = take_inputs_option},
-    {"disturbances", 0, "NAMES", "What went in as well, and was measured, not moved", OPTION_OWN,
+    {"inputs", 0, "NAMES",
+     "Inputs of the model, as v1,v2; default, of a run folder: all outputs of its controllers", OPTION_OWN,
+     .take = take_inputs_option},
+    {"disturbances", 0, "NAMES", "Measured disturbances: inputs that no controller moves", OPTION_OWN,
      .take = take_disturbances_option},
-    {"outputs", 0, "NAMES", "What is to be predicted; of a run folder: all measurements", OPTION_OWN,
+    {"outputs", 0, "NAMES", "Outputs of the model; default, of a run folder: all measurements", OPTION_OWN,
      .take = take_outputs_option},
     {"period", 0, "S", "Time from sample to sample; default: that of the first output", OPTION_NUMBER,
      AT(wish.period), .low = 1e-6, .high = 1e6},

@@ -49,10 +49,9 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal",
-    .doc =
-        "List the alarms that stand, or with --at those that stood. Acknowledge them (and reset those that "
-        "latch), shelve them for some time, take them out of service and back in, or show all that they "
-        "did, in order.",
+    .doc = "List the active alarms, or with --at those of then. Acknowledge them (and reset those that "
+           "latch), shelve them for some time, take them out of service and back in, or show the journal of "
+           "their transitions.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,

@@ -35,15 +35,15 @@ static const struct option_spec own_options[] = {
      OPTION_TEXT, AT(from)},
     {"to", 0, "TIME", "The same until TIME", OPTION_TEXT, AT(to)},
     {"at", 0, "TIME",
-     "What predictive laws expected at TIME, and what came: a table instead of the figures, and in the "
-     "figure",
+     "What predictive laws expected at TIME and what came: a table instead of the figures of control, and "
+     "curves in report.png",
      OPTION_TEXT, AT(at)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "[DIR]",
-    .doc = "Draw report.svg and report.png of the run folder DIR again, from its CSV files. Print its "
+    .doc = "Draw report.svg and report.png of the run folder DIR, from its CSV files. Print its "
            "figures: how well each loop was controlled from each event to the next. Print its KPIs: time in "
            "service and at limits, standard deviations in and out of service, and how well predictions came "
            "true. Without DIR: the KPIs of the history of --store. A run that was killed has no samples.csv: "

@@ -31,10 +31,10 @@ static const struct option_spec own_options[] = {
     {"duration", 'd', "SECONDS", "How long to run instead of the file's duration; 0: until Ctrl-C",
      OPTION_NUMBER, AT(duration), .high = YEAR, .must = "be seconds, from 0 to 31622400"},
     {"out", 'o', "DIR", "Run folder; default runs/NAME-TIME", OPTION_TEXT, AT(out)},
-    {"force", 0, NULL, "Write over what is in the run folder", OPTION_FLAG, AT(force)},
+    {"force", 0, NULL, "Overwrite what is in the run folder", OPTION_FLAG, AT(force)},
     {"history", 0, "URI",
      "Keep the record there instead of in the run folder: postgresql://host/db#schema, sqlite:FILE. It may "
-     "be away meanwhile, and come later",
+     "be unavailable for a while, also at the start",
      OPTION_TEXT, AT(history)},
     {"timer", 't', "NAME", "Executive of all daemons: deadline (default) or posix", OPTION_TEXT, AT(timer),
      .choices = timers, .must = "be deadline or posix"},
