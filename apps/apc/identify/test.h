@@ -63,7 +63,7 @@ struct test_options {
     size_t amplitudes, guards;
     double settling, duration, from, to; /* s, s, Hz; 0: proposed */
     uint64_t seed;
-    bool seeded, live, force, plan_only;
+    bool seeded, live, force;
     const char *out, *net;
     struct setting_list set;
 };
