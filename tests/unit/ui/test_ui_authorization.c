@@ -322,7 +322,7 @@ static void the_table_of_roles_is_what_the_gate_does(void **state)
         }
     const char *at = strstr(document, heading);
     assert_non_null(at);
-    for (at += strlen(heading) - 1; at[1] == '|'; at = strchr(at + 1, '\n'))
+    for (at += strlen(heading) - 1; at && at[1] == '|'; at = strchr(at + 1, '\n'))
         rows++;
     assert_int_equal(rows, n_routes); /* and none that there is not */
 }
