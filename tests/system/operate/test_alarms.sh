@@ -61,6 +61,8 @@ done
 [ "$(cat "$work"/code.* | sort | tr -d '\n')" = 0444 ] || fail "not one of four: $(cat "$work"/code.* "$work"/ack.*)"
 grep -qE 'was faster|just acknowledged|nothing to acknowledge|superseded' "$work"/ack.* || fail "the others were not told: $(cat "$work"/ack.*)"
 [ "$("$apc" alarm journal --json | grep -c '"Acknowledged Active","before"')" = 2 ] || fail "acknowledged twice: $("$apc" alarm journal)"
+expect 0 'NUMBER +TIME +PRIORITY +ALARM +STATE +BY +MESSAGE' "$apc" alarm journal
+expect 0 'r\.high +Acknowledged Active' "$apc" alarm journal
 
 # ---- Shelved, with an end
 

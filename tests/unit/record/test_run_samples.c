@@ -436,6 +436,41 @@ static void a_record_without_rows_is_kept_and_read(void **state)
     free(csv);
 }
 
+/* A spreadsheet quotes fields and ends lines by \r\n; the columns in Python are the same. */
+static void a_file_from_a_spreadsheet_has_the_same_columns(void **state)
+{
+    static const char *const texts[] = {
+        HEADER "-0.5,sensor,1,Good,1.25\n0,actuator,2,Bad,-1e300\n1e9,sensor,1,Uncertain,3\n", HEADER
+        "\"-0.5\",sensor,\"1\",Good,1.25\r\n0,\"actuator\",2,Bad,-1e300\r\n1e9,sensor,1,Uncertain,\"3\"\r\n"};
+    static const double time[] = {-0.5, 0, 1e9}, value[] = {1.25, -1e300, 3};
+    static const int32_t of_variable[] = {7, 8};
+    static const int8_t of_small[] = {1, 2};
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        struct apc_record rows = {0};
+        int32_t variable[2];
+        int8_t small[3];
+        int64_t ns[3];
+        scratch_write("x.csv", texts[i]);
+        if (samples_csv_read(&rows, scratch_path("x.csv"), &why) < 0)
+            fail_msg("%s", why.text);
+        assert_int_equal(rows.n, 3);
+        assert_memory_equal(rows.time, time, sizeof time);
+        assert_memory_equal(rows.value, value, sizeof value);
+        assert_int_equal(rows.n_variables, 2);
+        assert_true(rows.table[0] == APC_SENSOR && rows.id[0] == 1 && rows.table[1] == APC_ACTUATOR &&
+                    rows.id[1] == 2);
+        apc_record_spread(&rows, 1, 2, of_variable, sizeof *of_variable, variable);
+        assert_true(variable[0] == 8 && variable[1] == 7);
+        apc_record_spread(&rows, 0, 3, of_small, sizeof *of_small, small);
+        assert_true(small[0] == 1 && small[1] == 2 && small[2] == 1);
+        apc_record_times(&rows, 1000, ns);
+        assert_true(ns[0] == 1000 - 500000000 && ns[1] == 1000 &&
+                    ns[2] == 1000 + INT64_C(1000000000000000000));
+        samples_forget(&rows);
+    }
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, nothing_yet, done)
 
 int main(void)
@@ -451,6 +486,7 @@ int main(void)
         T(a_course_of_any_length_is_written_line_by_line),
         T(a_folder_without_a_course_has_that_of_its_samples),
         T(a_record_without_rows_is_kept_and_read),
+        T(a_file_from_a_spreadsheet_has_the_same_columns),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
