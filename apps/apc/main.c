@@ -21,6 +21,7 @@ static const struct {
     {"status", command_status, "show modes, values with their age, timing, events", "Operate"},
     {"get", command_get, "newest values", NULL},
     {"set", command_set, "write a setpoint, or an output in mode Man", NULL},
+    {"undo", command_undo, "take back your last write, within a minute", NULL},
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS",
      NULL},
     {"remote", command_remote, "give a setpoint back to the controller above that moves it", NULL},

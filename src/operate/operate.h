@@ -332,6 +332,15 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
 int operation_record(const struct operation *o, struct apc_store *store, const char *also);
 /* Returns 1: all is settled, or has taken too long; 0: not yet; or the store's error. */
 int operation_poll(struct operation *o, struct apc_store *store);
+#define UNDO_WITHIN (60 * APC_NS_PER_S) /* that a last write may be ago */
+/*
+ * Fill in what takes back the last write of o->author, of setpoints, outputs, modes, owners or tuning: change
+ * [n], to be freed. operation_begin() finds who comes between. @p only: of this time alone, UTC, to the
+ * microsecond; 0: whichever is the last. Returns 0, or an error: "undo", there is none within UNDO_WITHIN, or it
+ * is another one; "stale", somebody has written since; "value", "mode", "limits": what was before cannot be
+ * written as things stand; "store".
+ */
+int operation_undo(struct operation *o, struct apc_store *store, apc_ns only, struct change_fault *why);
 /* For who can wait: until something happens, for as long at most. Returns 0 or the store's error. */
 int operation_wait(const struct operation *o, struct apc_store *store, apc_ns most);
 /* Of the one at place @p i, as change_finish(). */

@@ -184,6 +184,8 @@ export const de = {
   "write.applied": "wirksam",
   "write.superseded": "überholt",
   "write.confirm": "Schritt bestätigen",
+  "write.undo": "Rückgängig",
+  "write.undoing": "Rückgängig ({change})",
   "write.failed": "fehlgeschlagen",
   "write.unknown": "unbekannt",
   "write.notKnown": "{why}: Ob geschrieben wurde, ist nicht bekannt",

@@ -183,6 +183,8 @@ export const en = {
   "write.applied": "applied",
   "write.superseded": "superseded",
   "write.confirm": "Confirm the step",
+  "write.undo": "Undo",
+  "write.undoing": "Undo ({change})",
   "write.failed": "failed",
   "write.unknown": "unknown",
   "write.notKnown": "{why}: whether it was written is not known",

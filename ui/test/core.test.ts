@@ -349,7 +349,7 @@ test("numbers at an axis differ, have the same decimals, and are short", () => {
   assert.ok(steps(7).includes(2) && steps(3e-12).some(one => Math.abs(one - 1e-12) < 1e-20));
 });
 
-const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};
+const view: WriteView = {phase: "pending", kind: "setpoint", key: "k", at: 0, to: "", reason: null, stored: false};
 const write = (state: Write["state"], key = "k"): Write => ({key, kind: "setpoint", user: "", time: 0, state, stored: true, reason: null, changes: []});
 
 // Promise(page/values-and-writes)

@@ -124,6 +124,29 @@ test("a great step is confirmed by keyboard, and not by a second Enter", () =>
     await until("it is as before", async () => (await shown(page, "setpoint.1")) === 11);
   }));
 
+// Promise(modes/undo)
+test("a write is undone by keyboard, and who came after is named", () =>
+  withPage("loop", {}, async page => {
+    const write = async () => {
+      await setpoint(page).fill("12");
+      await setpoint(page).press("Enter");
+      await applied(page, "setpoint.1");
+    };
+    const status = page.locator('[data-slot="setpoint.1"]');
+    await write();
+    await page.keyboard.press("Tab");
+    assert.equal(await page.locator(":focus").textContent(), "Undo");
+    await page.keyboard.press("Enter");
+    await until("it is undone", async () => /^Undo \(r 11 → 12.*\): applied/.test(await status.textContent()));
+    assert.equal(await shown(page, "setpoint.1"), 11);
+    await write();
+    await post("/api/setpoint", {id: 1, value: 11, seq: (await api("/api/state")).values["setpoint.1"][0]});
+    await status.getByRole("button", {name: "Undo"}).click();
+    await until("it is refused", async () => (await phase(page, "setpoint.1")) === "failed");
+    assert.match(await status.textContent(), /was changed since by .*: it is 11 now|not the last write/);
+    assert.equal(await shown(page, "setpoint.1"), 11);
+  }));
+
 // Promise(server/setpoint-operator-took)
 test("a setpoint that was taken is given back to the scheduler", () =>
   withPage("loop", {}, async page => {

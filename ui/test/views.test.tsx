@@ -399,9 +399,40 @@ test("an entry: what is typed, what will be sent, and what is refused", async ()
   asked.answer({key: asked.body?.key, kind: "setpoint", user: "anna", time: START, state: "applied", stored: true, reason: null, changes: [{ref: "setpoint.1", name: "r1", from: 0.125, to: 1.5, seq: 3}]});
   server.sample("setpoint.1", 1.5);
   await settle();
-  assert.equal(said('[data-slot="setpoint.1"]'), "r1 0.125 → 1.5 m: applied 03:33:20");
+  assert.equal(said('[data-slot="setpoint.1"]'), "r1 0.125 → 1.5 m: applied 03:33:20 Undo");
   assert.equal(one<HTMLInputElement>(field).value, "1.5");
   assert.equal(button("Revert", entry).disabled, true);
+});
+
+test("a write is undone within a minute by the button beside it, and the page says so where it may not be", async () => {
+  await show("loop/1");
+  const write = async (): Promise<void> => {
+    await type(field, "1,5");
+    await submit(entry);
+    const asked = env.take("/api/setpoint");
+    asked.answer({key: asked.body?.key, kind: "setpoint", user: "anna", time: server.now, state: "applied", stored: true, reason: null, changes: []});
+    server.sample("setpoint.1", 1.5);
+    await settle();
+  };
+  const status = '[data-slot="setpoint.1"]';
+  await write();
+  const time = server.now;
+  await click(button("Undo", entry));
+  const asked = env.take("/api/undo");
+  assert.deepEqual(asked.body, {time, key: asked.body?.key});
+  assert.equal(document.activeElement, one(status));
+  assert.match(said(status), /^Undo \(r1 0\.125 → 1\.5 m\): pending$/);
+  asked.answer({error: {code: "stale", message: "r1 was changed since by bob: it is 2 now"}}, 409);
+  await settle();
+  assert.match(said(status), /: failed – r1 was changed since by bob: it is 2 now Dismiss$/);
+  assert.equal(one<HTMLInputElement>(field).value, "1.5");
+  server.sample("setpoint.1", 0.125);
+  await settle();
+  assert.equal(one<HTMLInputElement>(field).value, "0.125", "it is no draft again");
+  await write();
+  assert.match(said(status), / Undo$/);
+  await server.run(61);
+  assert.doesNotMatch(said(status), /Undo/);
 });
 
 test("Esc takes back what was typed", async () => {

@@ -7,6 +7,7 @@
  * operator saw says nothing then, and his value takes the target Auto along (operate/operate.h).
  */
 #include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,8 +20,8 @@ static bool fault_change(struct request *r, const struct change_fault *why, cons
     static const struct {
         const char *code;
         int http;
-    } all[] = {{"variable", 404}, {"mode", 409},  {"nobody", 409},
-               {"confirm", 409},  {"stale", 409}, {"unknown", 504}};
+    } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"confirm", 409},
+               {"stale", 409},    {"undo", 409}, {"role", 403},   {"unknown", 504}};
     int http = 422;
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         http = !strcmp(why->code, all[i].code) ? all[i].http : http;
@@ -127,9 +128,9 @@ static bool request_confirmed(struct request *r, const json_t *body, bool *confi
            fault_set(&r->fault, 400, "json", "confirm", "\"confirm\" must be true or false");
 }
 
-bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store)
+/* Of one that has been asked for before the answer is the reply already. */
+static bool is_first(struct request *r, int rc, struct apc_store *store)
 {
-    const int rc = writes_begin(ui->writes, write, &r->reply);
     if (rc == APC_EBUSY)
         return fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
     if (rc == APC_ECONFLICT)
@@ -138,6 +139,11 @@ bool request_begin(struct ui *ui, struct request *r, const struct write *write, 
     if (rc < 0)
         fault_store(r, rc, store);
     return rc == 0;
+}
+
+bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store)
+{
+    return is_first(r, writes_begin(ui->writes, write, &r->reply), store);
 }
 
 void event_because(struct apc_event *event, const char *reason)
@@ -211,17 +217,29 @@ static bool read_tuning(struct request *r, const json_t *body, struct order *o)
     return true;
 }
 
+static bool read_undo(struct request *r, const json_t *body, struct order *o)
+{
+    double seconds;
+    if (!member_number(body, "time", &seconds, &r->fault))
+        return false;
+    o->write.undoes = seconds > 0 && seconds < 1e10 ? llround(seconds * 1e6) * APC_NS_PER_US : 0;
+    return o->write.undoes > 0 ||
+           fault_set(&r->fault, 422, "value", "time", "\"time\" must be that of a write");
+}
+
 static bool read_write_order(struct request *r, struct order *o)
 {
     static const char *const value_members[] = {"id", "value", "seq", "confirm", "reason", "key", NULL};
     static const char *const mode_members[] = {"id", "mode", "seq", "reason", "key", NULL};
     static const char *const owner_members[] = {"id", "owner", "seq", "reason", "key", NULL};
     static const char *const tuning_members[] = {"values", "reason", "key", NULL};
+    static const char *const undo_members[] = {"time", "reason", "key", NULL};
     enum write_kind kind = o->write.kind;
     json_t *body = body_parse(r->body, r->n,
                               kind == WRITE_MODE     ? mode_members
                               : kind == WRITE_OWNER  ? owner_members
                               : kind == WRITE_TUNING ? tuning_members
+                              : kind == WRITE_UNDO   ? undo_members
                                                      : value_members,
                               &r->fault);
     bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason) &&
@@ -232,10 +250,40 @@ static bool read_write_order(struct request *r, struct order *o)
         ok = read_owner(r, body, o);
     else if (ok && kind == WRITE_TUNING)
         ok = read_tuning(r, body, o);
+    else if (ok && kind == WRITE_UNDO)
+        ok = read_undo(r, body, o);
     else if (ok)
         ok = read_value(r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
     json_decref(body);
     return ok;
+}
+
+/* Which changes take a write back. False: none do, or they have been asked for before. */
+static bool find_undo(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
+{
+    struct operation undo = {.plant = &o->plant.view, .author = o->write.user};
+    struct change_fault why = {0};
+    if (!is_first(r, writes_again(ui->writes, &o->write, &r->reply), store))
+        return false;
+    int rc = apc_store_connect(store);
+    const bool live = rc >= 0 && !fault_history(r, store);
+    if (live)
+        rc = operation_undo(&undo, store, o->write.undoes, &why);
+    if (rc < 0 && (!live || strcmp(why.code, "store") == 0))
+        fault_store(r, rc, store);
+    else if (rc < 0)
+        (void)fault_change(r, &why, NULL);
+    else if (undo.n > WRITE_CHANGES)
+        fault_set(&r->fault, 422, "value", NULL, "it has more than %d values: apc undo takes it back",
+                  WRITE_CHANGES);
+    for (size_t i = 0; i < undo.n && !r->fault.http; i++) {
+        o->change[o->write.n++] = undo.change[i];
+        if (undo.change[i].to.table == APC_TUNING && r->session.role < ROLE_ENGINEER &&
+            change_role(o->write.user, role_name(r->session.role), role_name(ROLE_ENGINEER), &why) < 0)
+            fault_change(r, &why, NULL);
+    }
+    free(undo.change);
+    return !r->fault.http;
 }
 
 /* ---- Writing ------------------------------------------------------------------------------ */
@@ -243,19 +291,19 @@ static bool read_write_order(struct request *r, struct order *o)
 /* What is newest and in force, all of one instant, and what is beside. Returns 0 or the store's error. */
 static int read_before(struct order *o, struct apc_store *store)
 {
-    const bool output = o->write.kind == WRITE_OUTPUT; /* one: what goes out */
-    struct apc_sample now[WRITE_CHANGES + 2];
-    size_t n = o->write.n;
-    for (size_t i = 0; i < n; i++)
+    struct apc_sample now[2 * WRITE_CHANGES + 1];
+    const size_t n = o->write.n;
+    for (size_t i = 0; i < n; i++) {
         now[i] = o->change[i].newest;
-    now[n] = o->beside.now;
-    now[n + 1] = o->change[0].before;
-    int rc = apc_store_read(store, now, output ? n + 2 : n + (o->beside.now.id > 0));
-    for (size_t i = 0; i < n && rc >= 0; i++)
-        o->change[i].before = o->change[i].newest = now[i];
-    if (output && rc >= 0)
-        o->change[0].before = now[n + 1];
-    o->beside.now = now[n];
+        now[n + i] = o->change[i].before;
+    }
+    now[2 * n] = o->beside.now;
+    const int rc = apc_store_read(store, now, 2 * n + (o->beside.now.id > 0));
+    for (size_t i = 0; i < n && rc >= 0; i++) {
+        o->change[i].newest = now[i];
+        o->change[i].before = now[n + i];
+    }
+    o->beside.now = now[2 * n];
     return rc < 0 ? rc : 0;
 }
 
@@ -327,10 +375,10 @@ static bool check_takers(struct ui *ui, struct request *r, struct order *o, stru
 static bool check_now(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
     struct change_fault why;
-    if (change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
+    if (o->write.kind != WRITE_UNDO && change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
         return fault_change(r, &why, NULL);
     for (size_t i = 0; i < o->write.n && !is_remote_setpoint(o); i++)
-        if (o->change[i].newest.seq != o->change[i].after.seq) {
+        if (o->change[i].after.seq != APC_SEQ_ANY && o->change[i].newest.seq != o->change[i].after.seq) {
             stale_fault(r, o);
             return false;
         }
@@ -385,15 +433,16 @@ static int audit_events(void *ctx, struct apc_store *store, const struct apc_eve
 static int put_order(struct ui *ui, const struct request *r, struct order *o, struct apc_store *store,
                      struct change_fault *why)
 {
-    char note[REASON_LEN + 64];
+    char note[REASON_LEN + 72];
     const apc_ns began = apc_clock_mono(NULL);
-    snprintf(note, sizeof note, " (from %.50s)%s%s", r->from->address, o->reason[0] ? ": " : "", o->reason);
+    snprintf(note, sizeof note, "%s (from %.50s)%s%s", o->write.kind == WRITE_UNDO ? " (undo)" : "",
+             r->from->address, o->reason[0] ? ": " : "", o->reason);
     if (is_remote_setpoint(o))
         o->change[0].after.seq = APC_SEQ_ANY;
     o->operation = (struct operation){.plant = &o->plant.view,
                                       .change = o->change,
                                       .n = o->write.n,
-                                      .confirmed = o->confirmed,
+                                      .confirmed = o->confirmed || o->write.kind == WRITE_UNDO,
                                       .author = o->write.user,
                                       .note = note,
                                       .record = audit_events,
@@ -479,7 +528,8 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
         r->retry_after = again - now;
         fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
     }
-    if (!r->fault.http && request_begin(ui, r, &o->write, store))
+    if (!r->fault.http && (kind != WRITE_UNDO || find_undo(ui, r, o, store)) &&
+        request_begin(ui, r, &o->write, store))
         carry_out_write(ui, r, o, store);
     known_free(&o->plant);
     free(o);
@@ -508,4 +558,9 @@ void post_owner(struct ui *ui, struct request *r, struct apc_store *store)
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store)
 {
     write_order(ui, r, store, WRITE_TUNING);
+}
+
+void post_undo(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_UNDO);
 }

@@ -54,9 +54,9 @@ static void change_json(const struct write *write, const struct change *c, struc
 void write_json(const struct write *write, struct text *t)
 {
     static const char *const kinds[] = {
-        [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output",  [WRITE_MODE] = "mode",
-        [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning",  [WRITE_ACK] = "ack",
-        [WRITE_SHELVE] = "shelve",     [WRITE_SERVICE] = "service"};
+        [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output", [WRITE_MODE] = "mode",
+        [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning", [WRITE_UNDO] = "undo",
+        [WRITE_ACK] = "ack",           [WRITE_SHELVE] = "shelve", [WRITE_SERVICE] = "service"};
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
         [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
@@ -124,9 +124,14 @@ static int begin_write(struct writes *w, const struct write *write)
     return 0;
 }
 
+static bool same_wish(const struct write *a, const struct write *b)
+{
+    return a->kind == b->kind && !strcmp(a->user, b->user) && a->undoes == b->undoes;
+}
+
 static bool same_write(const struct write *a, const struct write *b)
 {
-    bool same = a->kind == b->kind && a->wanted == b->n && !strcmp(a->user, b->user);
+    bool same = same_wish(a, b) && a->wanted == b->n;
     for (size_t i = 0; i < b->n && same; i++) {
         const struct apc_sample *x = &a->change[i].after, *y = &b->change[i].after;
         same = x->table == y->table && x->id == y->id && x->value >= y->value && x->value <= y->value;
@@ -134,21 +139,30 @@ static bool same_write(const struct write *a, const struct write *b)
     return same;
 }
 
+static int tell_known(const struct write *known, bool same, struct text *t)
+{
+    if (known->state == WRITE_BEGUN)
+        return APC_EBUSY;
+    if (!same)
+        return APC_ECONFLICT;
+    write_json(known, t);
+    return 1;
+}
+
 int writes_begin(struct writes *w, const struct write *write, struct text *t)
 {
-    int rc;
     pthread_mutex_lock(&w->mutex);
     const struct write *known = find_write(w, write->key);
-    if (!known) {
-        rc = begin_write(w, write);
-    } else if (known->state == WRITE_BEGUN) {
-        rc = APC_EBUSY;
-    } else if (!same_write(known, write)) {
-        rc = APC_ECONFLICT;
-    } else {
-        write_json(known, t);
-        rc = 1;
-    }
+    const int rc = known ? tell_known(known, same_write(known, write), t) : begin_write(w, write);
+    pthread_mutex_unlock(&w->mutex);
+    return rc;
+}
+
+int writes_again(struct writes *w, const struct write *write, struct text *t)
+{
+    pthread_mutex_lock(&w->mutex);
+    const struct write *known = find_write(w, write->key);
+    const int rc = known ? tell_known(known, same_wish(known, write), t) : 0;
     pthread_mutex_unlock(&w->mutex);
     return rc;
 }

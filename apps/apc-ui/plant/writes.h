@@ -31,6 +31,7 @@ enum write_kind {
     WRITE_MODE,
     WRITE_OWNER,
     WRITE_TUNING,
+    WRITE_UNDO,
     WRITE_ACK,
     WRITE_SHELVE,
     WRITE_SERVICE
@@ -53,6 +54,7 @@ struct write {
     bool confirm; /* it failed, as so great a step has to be confirmed */
     char reason[240];
     apc_ns time;      /* UTC */
+    apc_ns undoes;    /* time of the write that it takes back; else 0 */
     apc_ns ended;     /* monotonic: when the attempt was over, and the controller's time began */
     apc_ns asked;     /* monotonic: when its refusal was last asked for */
     size_t n, wanted; /* changes; those that were asked for: what others were taken along is not waited for */
@@ -90,6 +92,8 @@ void writes_destroy(struct writes *writes);
  * copied.
  */
 int writes_begin(struct writes *w, const struct write *write, struct text *t);
+/* The same of one whose changes are not known yet. 0: it has not been asked for. */
+int writes_again(struct writes *w, const struct write *write, struct text *t);
 /* How the attempt ended: state, stored, the changes with the seqs that they were given, one more perhaps than
  * when it began. */
 void writes_end(struct writes *w, const char *key, const struct write *ended, const char *reason, apc_ns now,

@@ -141,6 +141,7 @@ int command_get(int argc, char **argv);
 int command_set(int argc, char **argv);
 int command_mode(int argc, char **argv);
 int command_remote(int argc, char **argv);
+int command_undo(int argc, char **argv);
 int command_promote(int argc, char **argv);
 int command_tune(int argc, char **argv);
 int command_watch(int argc, char **argv);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc get, apc set: the newest values, and the operator's. */
+/* apc get, apc set, apc undo: the newest values, and the operator's. */
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -230,5 +230,49 @@ int command_set(int argc, char **argv)
         rc = set_values(&cli, store, changes, n, own.confirm);
     apc_store_close(store);
     free(changes);
+    return cli_done(&cli, rc);
+}
+
+/* ---- undo --------------------------------------------------------------------------------- */
+
+static const struct cli_spec undo_spec = {
+    .doc =
+        "Take back your last write of a setpoint, an output, a mode or tuning, whether by apc or the page: "
+        "what was in force before is written again. It must have been within a minute, and nobody may have "
+        "written to it since. A second undo takes back the first.",
+    .takes = CLI_STORE | CLI_WRITES,
+};
+
+static int undo_last(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant)
+{
+    char who[APC_AUTHOR_LEN];
+    struct change_fault why;
+    const struct plant_view view = operate_view(plant);
+    struct operation o = {.plant = &view, .author = who, .note = " (undo)"};
+    operate_who(who, sizeof who);
+    const int err = operation_undo(&o, store, 0, &why);
+    const int rc = err == 0                         ? operate(cli, store, &o)
+                   : strcmp(why.code, "store") == 0 ? cli_store_error(cli, err, store)
+                                                    : operate_fault(cli, &why);
+    free(o.change);
+    return rc;
+}
+
+int command_undo(int argc, char **argv)
+{
+    struct apc_store *store = NULL;
+    struct cli_plant plant = {0};
+    struct cli cli;
+
+    cli_parse(&cli, &undo_spec, NULL, argc, argv);
+    int rc = exit_code_of(cli_open(&cli, &store));
+    if (rc == EXIT_OK)
+        rc = cli_live(&cli, store);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_plant_load(&cli, store, &plant));
+    if (rc == EXIT_OK)
+        rc = undo_last(&cli, store, &plant);
+    cli_plant_free(&plant);
+    apc_store_close(store);
     return cli_done(&cli, rc);
 }

@@ -133,7 +133,7 @@ test_usage_errors_exit_2() {
 # Promise(docs/options-exit-codes)
 test_an_unreachable_store_exits_3() {
   local command
-  for command in "get" "set r 1" "mode" "mode man" "mode u man" "remote r" "tune" "tune Kp=1" "watch --count 1" "history y" "timing" "status"; do
+  for command in "get" "set r 1" "mode" "mode man" "mode u man" "remote r" "undo" "tune" "tune Kp=1" "watch --count 1" "history y" "timing" "status"; do
     # shellcheck disable=SC2086
     run 3 $command --store postgresql://somebody:secret@127.0.0.1:1/none
     err_has "cannot connect"
@@ -341,6 +341,13 @@ test_mode_is_shown_and_changed() {
   out_is "mode: Auto -> Man"
   equal "$(newest opmode 0) $(newest opmode 1)" "0 0" "the target mode of the only loop is that of all"
   run 0 mode controller auto --no-wait
+  # Promise(modes/undo)
+  run 0 undo --no-wait
+  out_is "u mode: Auto -> Man"
+  run 0 history --events --last 1
+  out_has 'operator +u mode: Auto -> Man \(undo\)$'
+  run 0 undo --no-wait
+  out_is "u mode: Man -> Auto"
   refused 1 'there is no loop or controller "q"; there are: u' mode q man
   refused 1 'there is no loop or controller "sideways"; there are: u, and no such mode' mode sideways
   refused 4 "u cannot be in Cas: no controller moves its setpoint" mode u cas

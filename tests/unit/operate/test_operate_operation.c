@@ -92,13 +92,13 @@ static void finish(struct desk *d, size_t i, int err, const char *code, const ch
 
 static struct {
     int n;
-    char text[4][256];
+    char text[8][256];
 } events;
 
 static int take_event(void *ctx, const struct apc_event *event)
 {
     (void)ctx;
-    if (!strcmp(event->kind, "operator") && events.n < 4)
+    if (!strcmp(event->kind, "operator") && events.n < 8)
         snprintf(events.text[events.n++], sizeof events.text[0], "%s: %s", event->source, event->text);
     return 0;
 }
@@ -355,6 +355,125 @@ static void of_two_who_wrote_the_first_is_superseded(void **state)
     assert_string_equal(events.text[1], "otto: u.Kp: 0.3 -> 0.4");
 }
 
+/* ---- Undone -------------------------------------------------------------------------------------- */
+
+/* Written so long ago, and taken. */
+static void wrote(const char *author, const char *name, unsigned kind, double value, apc_ns ago)
+{
+    struct desk d = {0};
+
+    wants(&d, author, name, kind, value);
+    d.operation.confirmed = true;
+    d.operation.time = apc_clock_utc(NULL) - ago;
+    begin(&d);
+    operation_end(&d.operation);
+}
+
+/* Returns "", or the code of why not, with the sentence in @p why. */
+static const char *undo(const char *author, apc_ns only, struct change_fault *why)
+{
+    struct operation o = {.plant = &plant.view, .author = author, .note = " (undo)"};
+
+    *why = (struct change_fault){.code = ""};
+    if (operation_undo(&o, store, only, why) == 0 && operation_read(&o, store) == 0)
+        (void)operation_begin(&o, store, why);
+    operation_end(&o);
+    free(o.change);
+    return why->code;
+}
+
+/* Promise(modes/undo): One's last write within a minute is taken back by one command, unless somebody has written
+ *   to it since: then that one is named. */
+static void ones_last_write_is_taken_back(void **state)
+{
+    struct change_fault why;
+    (void)state;
+
+    assert_string_equal(undo("anna", 0, &why), "undo");
+    assert_string_equal(why.text, "there is nothing to undo: anna has written nothing for a minute");
+    wrote("anna", "w", CHANGE_SETPOINT, 40, 0); /* a great step, which takes it from the scheduler */
+    wrote("anna", "u.Kp", CHANGE_TUNING, 0.3, 0);
+    wrote("otto", "r", CHANGE_SETPOINT, 3, 0);
+    assert_string_equal(undo("anna", 0, &why), "");
+    assert_true(newest(APC_TUNING, KP).value == 0.2 && newest(APC_SETPOINT, SET_W).value == 40.0);
+    assert_string_equal(undo("anna", 0, &why), ""); /* that one again */
+    assert_true(newest(APC_TUNING, KP).value == 0.3);
+    read_events();
+    assert_string_equal(events.text[events.n - 1], "anna: u.Kp: 0.2 -> 0.3 (undo)");
+    const struct apc_sample kp = newest(APC_TUNING, KP);
+    assert_string_equal(undo("anna", kp.time - APC_NS_PER_S, &why), "undo");
+    assert_string_equal(undo("anna", kp.time, &why), "");
+}
+
+/* Promise(modes/undo) */
+static void who_came_after_is_named_and_nothing_is_written(void **state)
+{
+    struct change_fault why;
+    (void)state;
+
+    wrote("anna", "u.Kp", CHANGE_TUNING, 0.3, 10 * S);
+    wrote("otto", "u.Kp", CHANGE_TUNING, 0.4, 0);
+    assert_string_equal(undo("anna", 0, &why), "stale");
+    assert_string_equal(why.text, "u.Kp was changed since by otto: it is 0.4 now");
+    assert_true(newest(APC_TUNING, KP).value == 0.4);
+    assert_string_equal(undo("otto", 0, &why), "");
+    wrote("carl", "u.Kp", CHANGE_TUNING, 0.5, 61 * S);
+    assert_string_equal(undo("carl", 0, &why), "undo");
+}
+
+/* Promise(modes/undo) */
+static void what_was_taken_from_its_owner_is_his_again(void **state)
+{
+    struct change_fault why;
+    (void)state;
+
+    wrote("anna", "w", CHANGE_SETPOINT, 8, 0);
+    struct apc_sample owner = newest(APC_OPMODE, LOOPS_OWNER(SET_W));
+    assert_true(loops_is_local(&owner));
+    assert_string_equal(undo("anna", 0, &why), "");
+    owner = newest(APC_OPMODE, LOOPS_OWNER(SET_W));
+    assert_false(loops_is_local(&owner));
+    wrote("otto", "r", CHANGE_SETPOINT, 3, 0); /* which takes Auto along */
+    assert_true(newest(APC_OPMODE, LOOP_U).value == (double)APC_MODE_AUTO);
+    assert_string_equal(undo("otto", 0, &why), "");
+    assert_true(newest(APC_OPMODE, LOOP_U).value == (double)APC_MODE_CAS);
+    append((struct apc_sample){
+        .table = APC_SETPOINT, .id = SET_R, .value = 4, .time = apc_clock_utc(NULL)}); /* by the loop above */
+    assert_string_equal(undo("otto", 0, &why), "");
+    assert_true(newest(APC_OPMODE, LOOP_U).value == (double)APC_MODE_AUTO);
+    assert_true(newest(APC_SETPOINT, SET_R).value == 3.0);
+}
+
+/* Promise(modes/undo) */
+static void an_output_goes_back_to_what_went_out_before(void **state)
+{
+    const apc_ns tick = apc_clock_utc(NULL) - 3600 * S; /* by a clock of its own */
+    struct change_fault why;
+    struct apc_sample out = {.table = APC_ACTUATOR, .id = 1, .value = 5, .time = tick}, actual;
+    (void)state;
+
+    wrote("otto", "u", CHANGE_MODE, APC_MODE_MAN, 0);
+    wrote("anna", "u", CHANGE_OUTPUT, 12, 0);
+    assert_string_equal(undo("anna", 0, &why), "value");
+    assert_string_equal(why.text, "u had no good value before: set it");
+    append(out);
+    actual = (struct apc_sample){.table = APC_ACTUAL, .time = tick + S, .value = 12};
+    actual.id = apc_variable_number(APC_MANUAL, newest(APC_MANUAL, 1).id);
+    actual.origin = newest(APC_MANUAL, 1).seq;
+    append(actual);
+    for (int i = 1; i <= 3; i++) {
+        out.time = tick + i * S;
+        out.value = 12;
+        append(out);
+    }
+    assert_string_equal(undo("anna", 0, &why), "");
+    assert_true(newest(APC_MANUAL, 1).value == 5.0);
+    wrote("anna", "u", CHANGE_OUTPUT, 13, 0);
+    wrote("otto", "u", CHANGE_MODE, APC_MODE_AUTO, 0);
+    assert_string_equal(undo("anna", 0, &why), "mode");
+    assert_string_equal(why.text, "u is controlled in mode Auto: set the target mode of u to Man first");
+}
+
 /* ---- Records ------------------------------------------------------------------------------------ */
 
 static int cannot_record(void *ctx, struct apc_store *live, const struct apc_event *event, size_t n)
@@ -425,6 +544,10 @@ int main(void)
         T(of_two_who_saw_the_same_one_is_told),
         T(of_two_who_wrote_the_first_is_superseded),
         T(a_great_step_is_confirmed_or_not_written),
+        T(ones_last_write_is_taken_back),
+        T(who_came_after_is_named_and_nothing_is_written),
+        T(what_was_taken_from_its_owner_is_his_again),
+        T(an_output_goes_back_to_what_went_out_before),
         T(what_is_written_and_not_recorded_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -265,6 +265,42 @@ static void a_setpoint_that_was_taken_is_given_back_to_the_scheduler(void **stat
     assert_has(newest_text(), "r2");
 }
 
+/* Promise(modes/undo) */
+static void ones_last_write_is_undone_by_its_time_once(void **state)
+{
+    char body[200];
+    int64_t seq;
+    (void)state;
+    put(APC_SETPOINT, 1, 5);
+    put(APC_OPMODE, 2, APC_MODE_AUTO);
+    assert_int_equal(refused(post_undo, "{}"), 400);
+    assert_int_equal(refused(post_undo, "{\"time\":-1}"), 422);
+    assert_int_equal(refused(post_undo, "{\"time\":77.5}"), 409);
+    assert_string_equal(request.fault.code, "undo");
+    json_t *write = post(post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1}");
+    snprintf(body, sizeof body, "{\"time\":%.6f,\"key\":\"a-key-of-undo\",\"reason\":\"too much\"}",
+             json_number_value(json_object_get(write, "time")));
+    json_decref(write);
+    for (int i = 0; i < 2; i++) { /* asked twice it is done once, and told twice */
+        write = post(post_undo, body);
+        assert_int_equal(request.fault.http, 0);
+        assert_string_equal(json_string_value(json_object_get(write, "kind")), "undo");
+        assert_near(in_force(APC_SETPOINT, 1, &seq), 5, 0);
+        assert_int_equal(seq, 3);
+        json_decref(write);
+    }
+    assert_string_equal(newest_text(), "r1: 6 -> 5 (undo) (from 10.0.0.7): too much");
+    put(APC_TUNING, 1, 10);
+    write = post(post_tuning, "{\"values\":[{\"id\":1,\"value\":11,\"seq\":1}]}");
+    snprintf(body, sizeof body, "{\"time\":%.6f}", json_number_value(json_object_get(write, "time")));
+    json_decref(write);
+    request.session.role = ROLE_OPERATOR; /* who is no engineer any more */
+    assert_int_equal(refused(post_undo, body), 403);
+    request.session.role = ROLE_ENGINEER;
+    assert_int_equal(refused(post_undo, body), 0);
+    assert_near(in_force(APC_TUNING, 1, &seq), 10, 0);
+}
+
 static const char *tuning_body(int n, int64_t seq, double value)
 {
     static char body[8192];
@@ -823,6 +859,7 @@ int main(void)
         T(a_mode_is_written_to_its_loop_and_no_other),
         T(a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said),
         T(a_setpoint_that_was_taken_is_given_back_to_the_scheduler),
+        T(ones_last_write_is_undone_by_its_time_once),
         T(as_many_tunings_as_there_are_go_at_once),
         T(a_stale_write_is_told_what_is_newer),
         T(what_became_of_a_write_is_known_by_its_key),

@@ -277,7 +277,7 @@ export interface Diagnostics {
   stream: {clients: number; messages: number; dropped: number; lag: Figures};
 }
 
-export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "ack" | "shelve" | "service";
+export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "undo" | "ack" | "shelve" | "service";
 
 export interface Write {
   key: string;

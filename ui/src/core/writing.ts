@@ -38,7 +38,7 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
   if (cell.value?.phase === "pending") return;
   const key = newKey();
   const server = instance;
-  cell.value = {phase: "pending", key, at: serverNow(), to, reason: null, stored: false};
+  cell.value = {phase: "pending", kind, key, at: serverNow(), to, reason: null, stored: kind === "undo"};
   const mine = (): boolean => cell.value?.key === key;
   const why = path === kind ? reason.value.trim() : ""; // of alarms it stands beside them
   try {
@@ -54,6 +54,12 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
     sentTo.set(key, server);
     void ask(cell);
   }
+}
+
+/** Take back the write of a slot, as long as it is the last one. */
+export function undo(name: string): void {
+  const view = slot(name).value;
+  if (view) void send(name, "undo", {time: view.at}, tr("write.undoing", {change: view.to}));
 }
 
 /** The server to which a write went whose answer was lost, by its key. */

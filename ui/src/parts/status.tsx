@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What became of a write, said as it happens.
 import type {JSX} from "preact";
+import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
 import {clock} from "../core/format";
-import {isFinal} from "../core/lifecycle";
-import {forget, slot} from "../core/writing";
+import {isFinal, isUndoable, type WriteView} from "../core/lifecycle";
+import {second, serverNow} from "../core/model";
+import {forget, slot, undo} from "../core/writing";
 import {Note} from "./shape";
 import {tr} from "../core/texts";
 
@@ -16,7 +18,7 @@ interface Props {
 export function WriteStatus({of, retry}: Props): JSX.Element {
   const view = useCell(slot(of));
   return (
-    <div class="write-status" role="status" data-slot={of} data-phase={view?.phase ?? "none"}>
+    <div class="write-status" role="status" tabIndex={-1} data-slot={of} data-phase={view?.phase ?? "none"}>
       {view && (
         <>
           {view.phase === "failed" && <Note grave label={tr("write.failed")} />}
@@ -26,7 +28,8 @@ export function WriteStatus({of, retry}: Props): JSX.Element {
             {view.phase === "applied" && ` ${clock(view.at)}`}
             {view.reason && view.phase !== "applied" && ` – ${view.reason}`}
           </span>
-          {view.phase === "failed" && (
+          <Undo of={of} view={view} />
+          {view.phase === "failed" && view.kind !== "undo" && (
             <button type="button" onClick={retry}>
               {tr(view.confirm ? "write.confirm" : "parts.retry")}
             </button>
@@ -39,5 +42,23 @@ export function WriteStatus({of, retry}: Props): JSX.Element {
         </>
       )}
     </div>
+  );
+}
+
+/** A button for as long as it may be taken back. */
+function Undo({of, view}: {of: string; view: WriteView}): JSX.Element | null {
+  useCell(second);
+  const barred = useWriteBar(view.kind === "tuning" ? "engineer" : undefined);
+  if (barred || !isUndoable(view, serverNow())) return null;
+  return (
+    <button
+      type="button"
+      onClick={event => {
+        event.currentTarget.parentElement?.focus(); // the button goes
+        undo(of);
+      }}
+    >
+      {tr("write.undo")}
+    </button>
   );
 }
