@@ -17,6 +17,7 @@ static const struct {
     {"run", command_run, "run an experiment in real time and leave a report", "Run"},
     {"drain", command_drain, "store the rows that daemons or a killed run left in a folder", NULL},
     {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds", "Simulate"},
+    {"check", command_check, "run scenarios in virtual time and judge what is expected of them", NULL},
     {"replay", command_replay, "repeat the controllers of a recorded run, and compare their outputs", NULL},
     {"status", command_status, "show modes, values with their age, timing, events", "Operate"},
     {"get", command_get, "newest values", NULL},

@@ -326,6 +326,12 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
  */
 int experiment_change(const char *text, const char *path, const char *value, char **changed,
                       struct apc_error *why);
+/* Of PATH=VALUE: the = behind PATH, NULL where there is none: one within a quoted name of a model ('a=b') is the
+ * name's. */
+char *setting_equals(const char *text);
+/* A setting of a file as text, as a value of experiment_change(): *text, to be freed. Returns 0 or APC_ENOMEM. */
+struct config_setting_t;
+int experiment_setting_text(const struct config_setting_t *setting, char **text);
 /* What is said anew is no longer what is on record. */
 void experiment_forget(struct record *record, const char *path);
 

@@ -11,6 +11,20 @@
 #include "experiment.h"
 #include "files/files.h"
 
+char *setting_equals(const char *text)
+{
+    bool quoted = false;
+    for (const char *c = text; *c; c++) {
+        if (*c == '\'' && (quoted || c == text || c[-1] == '.'))
+            quoted = !quoted;
+        else if (quoted && *c == '\\' && c[1])
+            c++;
+        else if (!quoted && *c == '=')
+            return (char *)(uintptr_t)c;
+    }
+    return quoted ? strchr(text, '=') : NULL; /* it was no name in quotes */
+}
+
 void experiment_forget(struct record *record, const char *path)
 {
     if (!strcmp(path, "duration"))

@@ -127,6 +127,19 @@ static void put_setting_text(FILE *out, const config_setting_t *at, const struct
     }
 }
 
+int experiment_setting_text(const config_setting_t *setting, char **text)
+{
+    size_t size = 0;
+    FILE *out = open_memstream(text, &size);
+    if (!out)
+        return APC_ENOMEM;
+    put_setting_text(out, setting, &(struct place){.at = NULL});
+    if (fclose(out) == 0)
+        return 0;
+    free(*text);
+    return APC_ENOMEM;
+}
+
 /* ---- Finding ------------------------------------------------------------------------------- */
 
 /* Is @p name the first part of the path? Then what comes after it, else NULL. */

@@ -1,22 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "setting.h"
 
-#include <string.h>
-
-char *setting_equals(const char *text)
-{
-    bool quoted = false;
-    for (const char *c = text; *c; c++) {
-        if (*c == '\'' && (quoted || c == text || c[-1] == '.'))
-            quoted = !quoted;
-        else if (quoted && *c == '\\' && c[1])
-            c++;
-        else if (!quoted && *c == '=')
-            return (char *)(uintptr_t)c;
-    }
-    return quoted ? strchr(text, '=') : NULL; /* it was no name in quotes */
-}
-
 void setting_add(void *setting_list, char *arg, const struct argp_state *state)
 {
     struct setting_list *list = setting_list;

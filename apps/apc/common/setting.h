@@ -13,8 +13,6 @@ struct setting_list {
     size_t n;
 };
 
-/* The = behind PATH, NULL where there is none: one within a quoted name of a model ('a=b') is the name's. */
-char *setting_equals(const char *text);
 /* @arg is cut in two. A usage error where it is no PATH=VALUE. */
 void setting_add(void *setting_list, char *arg, const struct argp_state *state);
 

@@ -65,33 +65,32 @@ static void make_trial(struct trial *t, const struct experiment *e, uint64_t see
  * Code of the user's may keep something in a static variable, which the next run would find: so each run has
  * a process of its own, in which nothing has run before. One that ends it takes no other run along.
  */
-static void make_apart(struct trial *t, const struct experiment *e, uint64_t seed)
+int trial_apart(void (*work)(void *ctx), void *ctx, const bool *made, char *why, size_t size)
 {
     int status = 0;
     const pid_t parent = getpid(), pid = fork();
     if (pid == 0) {
         prctl(PR_SET_PDEATHSIG, SIGKILL);
         if (getppid() == parent)
-            make_trial(t, e, seed);
+            work(ctx);
         _exit(0);
     }
     while (pid > 0 && waitpid(pid, &status, 0) < 0 && errno == EINTR)
         continue;
-    if (t->made)
-        return;
-    t->rc = APC_ESYS;
+    if (*made)
+        return 0;
     if (pid < 0)
-        snprintf(t->why, sizeof t->why, "no process for it: %s", strerror(errno));
+        snprintf(why, size, "no process for it: %s", strerror(errno));
     else if (WIFSIGNALED(status))
-        snprintf(t->why, sizeof t->why, "its process was ended by signal %d (%s)", WTERMSIG(status),
+        snprintf(why, size, "its process was ended by signal %d (%s)", WTERMSIG(status),
                  strsignal(WTERMSIG(status)));
     else
-        snprintf(t->why, sizeof t->why, "law or plant ended its process (exit code %d)", WEXITSTATUS(status));
-    t->made = true;
+        snprintf(why, size, "law or plant ended its process (exit code %d)", WEXITSTATUS(status));
+    return APC_ESYS;
 }
 
 /* A law or a model of somebody's may keep state of its own. */
-static bool any_plugin(const struct experiment *e)
+bool trial_has_plugin(const struct experiment *e)
 {
     bool any = e->model_handle;
     for (size_t i = 0; i < e->n_controllers; i++)
@@ -99,10 +98,24 @@ static bool any_plugin(const struct experiment *e)
     return any;
 }
 
+struct trial_work {
+    struct trial *t;
+    const struct experiment *e;
+    uint64_t seed;
+};
+
+static void work_apart(void *ctx)
+{
+    const struct trial_work *w = ctx;
+    make_trial(w->t, w->e, w->seed);
+}
+
 void trial_make(struct trial *t, const struct experiment *e, uint64_t seed)
 {
-    if (any_plugin(e))
-        make_apart(t, e, seed);
-    else
+    struct trial_work work = {t, e, seed};
+    const int rc = trial_has_plugin(e) ? trial_apart(work_apart, &work, &t->made, t->why, sizeof t->why) : 0;
+    if (!trial_has_plugin(e))
         make_trial(t, e, seed);
+    t->rc = rc < 0 ? rc : t->rc;
+    t->made = true;
 }

@@ -24,6 +24,11 @@ size_t trial_size(size_t loops);
  */
 void trial_make(struct trial *t, const struct experiment *e, uint64_t seed);
 
+/* The same for other work: is it to have a process? Then in one, which sets *@p made in such memory at its end.
+ * Returns 0, or APC_ESYS with why it came to none in @p why. */
+bool trial_has_plugin(const struct experiment *e);
+int trial_apart(void (*work)(void *ctx), void *ctx, const bool *made, char *why, size_t size);
+
 /* A run whose plant diverged has figures, infinite ones; any other failure has none. */
 bool trial_counts(const struct trial *t);
 

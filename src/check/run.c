@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* One run of a scenario: what its expectations are about is kept, and they are judged. */
+#include "check.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "simulation/simulation.h"
+
+struct run_courses {
+    const struct check_sources *sources;
+    struct check_course *course; /* [n] */
+    bool failed;                 /* out of memory */
+};
+
+static void take_check_row(struct run_courses *c, const struct apc_sample *row)
+{
+    const enum apc_severity severity = apc_status_severity(row->status);
+    for (size_t i = 0; i < c->sources->n; i++) {
+        const struct check_source *of = &c->sources->at[i];
+        if (of->plant || of->table != row->table || of->id != row->id)
+            continue;
+        const bool state = of->table == APC_ALARM || of->table == APC_ACTUAL;
+        const struct check_point point = {.t = row->time - SIMULATION_BEGIN,
+                                          .value = row->value,
+                                          .known = state || severity != APC_SEVERITY_BAD,
+                                          .others = severity != APC_SEVERITY_GOOD};
+        c->failed = c->failed || check_add(&c->course[i], point) < 0;
+    }
+}
+
+static int take_check_rows(void *ctx, const struct samples *rows)
+{
+    struct run_courses *c = ctx;
+    for (size_t i = 0; i < rows->n; i++)
+        take_check_row(c, &rows->at[i]);
+    return c->failed ? APC_ENOMEM : 0;
+}
+
+/* What the store keeps to the end: what became of modes and alarms. */
+static int take_check_kept(struct run_courses *c, struct apc_store *store)
+{
+    int rc = 0;
+    for (size_t i = 0; i < c->sources->n && rc == 0; i++) {
+        const struct check_source *of = &c->sources->at[i];
+        struct samples rows = {0};
+        if (of->table != APC_ALARM && of->table != APC_ACTUAL)
+            continue;
+        if (of->table == APC_ALARM)
+            rc = check_add(&c->course[i], (struct check_point){.value = APC_ALARM_NORMAL, .known = true});
+        if (rc == 0)
+            rc = samples_collect_one(&rows, store, of->table, of->id, NULL);
+        for (size_t k = 0; k < rows.n; k++)
+            take_check_row(c, &rows.at[k]);
+        samples_free(&rows);
+    }
+    return rc < 0 ? rc : c->failed ? APC_ENOMEM : 0;
+}
+
+static int take_check_plant(struct run_courses *c, const struct trajectory *of)
+{
+    for (size_t i = 0; i < c->sources->n; i++) {
+        const struct check_source *source = &c->sources->at[i];
+        const struct curve *curve = source->table == APC_SENSOR ? of->output : of->input;
+        if (!source->plant)
+            continue;
+        curve += source->id - 1;
+        for (size_t k = 0; k < curve->n; k++) {
+            struct check_point point = {.value = curve->at[k].value, .known = true};
+            (void)apc_ns_from_s(curve->at[k].t, &point.t);
+            if (check_add(&c->course[i], point) < 0)
+                return APC_ENOMEM;
+        }
+    }
+    return 0;
+}
+
+/* Is something of the record wanted, that goes while the run goes on? */
+static bool wants_rows(const struct check_sources *sources)
+{
+    for (size_t i = 0; i < sources->n; i++) {
+        const struct check_source *of = &sources->at[i];
+        if (!of->plant && of->table != APC_ALARM && of->table != APC_ACTUAL)
+            return true;
+    }
+    return false;
+}
+
+static int judge_scenario(const struct scenario *of, struct simulation *s, struct run_courses *c,
+                          struct check_verdict *verdict, struct check_end *end)
+{
+    apc_ns ended = INT64_MAX;
+    end->rc = simulation_stream(s, of->e.duration, wants_rows(&of->sources) ? take_check_rows : NULL, c);
+    end->ended = s->ended;
+    snprintf(end->why, sizeof end->why, "%.199s", s->why.text);
+    if (end->rc < 0)
+        (void)apc_ns_from_s(s->ended, &ended);
+    int rc = take_check_kept(c, s->store);
+    if (rc == 0)
+        rc = take_check_plant(c, &s->trajectory);
+    for (size_t i = 0; i < of->n_expect && rc == 0; i++)
+        verdict[i] = check_judge(&of->expect[i], &of->sources, c->course, ended);
+    return rc;
+}
+
+int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_verdict *verdict,
+                 struct check_end *end)
+{
+    struct simulation s;
+    struct apc_error why = {""};
+    const size_t n = scenario->sources.n;
+    struct run_courses c = {.sources = &scenario->sources, .course = calloc(n + 1, sizeof *c.course)};
+    *end = (struct check_end){.rc = 0};
+    int rc = simulation_create(&s, &scenario->e, seed, &why);
+    if (rc < 0)
+        snprintf(end->why, sizeof end->why, "%.199s", why.text);
+    else
+        rc = c.course ? judge_scenario(scenario, &s, &c, verdict, end) : APC_ENOMEM;
+    simulation_destroy(&s);
+    for (size_t i = 0; c.course && i < n; i++)
+        free(c.course[i].at);
+    free(c.course);
+    return rc;
+}

@@ -1,0 +1,353 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The scenario file: an experiment file with some of its settings changed, and what is expected. Each change is
+ * made as by `--set`; where the experiment is refused with it, the line that made it is told of.
+ */
+#include "check.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "files/files.h"
+#include "files/settings.h"
+
+/* A list grows element by element, each a change of its own: so a fault has a line. */
+struct scenario_change {
+    char *path, *value;
+    unsigned line; /* 0: of the command line */
+};
+
+struct scenario_reading {
+    struct settings s;
+    struct scenario *of;
+    struct scenario_change *change;
+    size_t n, room;
+};
+
+static void lack_memory(struct scenario_reading *r)
+{
+    if (!r->s.failed)
+        r->s.failed = apc_fail(r->s.why, APC_ENOMEM, "%s: out of memory", r->s.file);
+}
+
+/* Takes @p value, which may be NULL: there was no memory. */
+static void add_change(struct scenario_reading *r, const char *path, char *value, unsigned line)
+{
+    struct scenario_change change = {strdup(path), value, line};
+    if (r->n == r->room) {
+        const size_t room = r->room ? 2 * r->room : 16;
+        struct scenario_change *at = reallocarray(r->change, room, sizeof *at);
+        if (at) {
+            r->change = at;
+            r->room = room;
+        }
+    }
+    if (!change.path || !change.value || r->n == r->room) {
+        free(change.path);
+        free(change.value);
+        lack_memory(r);
+        return;
+    }
+    r->change[r->n++] = change;
+}
+
+/* ---- Lists ---------------------------------------------------------------------------------- */
+
+/* A group without its member @p but. */
+static void put_group_but(FILE *out, const config_setting_t *group, const char *but)
+{
+    fputs("{ ", out);
+    for (int i = 0; i < config_setting_length(group); i++) {
+        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        char *text = NULL;
+        if (but && !strcmp(config_setting_name(member), but))
+            continue;
+        if (experiment_setting_text(member, &text) == 0)
+            fprintf(out, "%s = %s; ", config_setting_name(member), text);
+        free(text);
+    }
+    fputc('}', out);
+}
+
+/* The last change of @p path is a list, which gets one element more; or there is none, and it gets the first. */
+static void grow_list(struct scenario_reading *r, const char *path, const config_setting_t *element,
+                      const char *but)
+{
+    char *list = NULL;
+    size_t size = 0;
+    const char *before = NULL;
+    FILE *out = open_memstream(&list, &size);
+    for (size_t i = r->n; i > 0 && !before; i--)
+        before = strcmp(r->change[i - 1].path, path) ? NULL : r->change[i - 1].value;
+    if (out) {
+        fprintf(out, "%.*s%s", before ? (int)strlen(before) - 1 : 1, before ? before : "(",
+                before ? ", " : "");
+        put_group_but(out, element, but);
+        fputc(')', out);
+    }
+    if (!out || fclose(out) != 0) {
+        free(list);
+        list = NULL;
+    }
+    add_change(r, path, list, config_setting_source_line(element));
+}
+
+static void read_groups(struct scenario_reading *r, const config_setting_t *root, const char *name,
+                        void (*read)(struct scenario_reading *r, const config_setting_t *group))
+{
+    const config_setting_t *list = settings_list(&r->s, root, name, OPTIONAL);
+    const int n = list ? config_setting_length(list) : 0;
+    for (int i = 0; i < n && !r->s.failed; i++) {
+        const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
+        if (config_setting_is_group(group))
+            read(r, group);
+        else
+            settings_fail(&r->s, group, "\"%s\" must be a list of groups: %s = ( { ... } );", name, name);
+    }
+}
+
+static void read_scenario_action(struct scenario_reading *r, const config_setting_t *group)
+{
+    grow_list(r, "actions", group, NULL);
+}
+
+static void read_scenario_disturbance(struct scenario_reading *r, const config_setting_t *group)
+{
+    grow_list(r, "plant.disturbances", group, NULL);
+}
+
+static void read_scenario_fault(struct scenario_reading *r, const config_setting_t *group)
+{
+    const struct experiment *e = &r->of->e;
+    char name[APC_TAG_LEN] = "", path[APC_TAG_LEN + 32] = "";
+    struct nearest nearest = {.wanted = name};
+    settings_text(&r->s, group, "signal", REQUIRED, name, sizeof name);
+    for (size_t i = 0; i < e->dim.ny + e->dim.nu && !*path; i++) {
+        const bool y = i < e->dim.ny;
+        const char *its = y ? e->y[i].tag.name : e->u[i - e->dim.ny].tag.name;
+        if (!strcmp(its, name))
+            snprintf(path, sizeof path, "%s.%s.faults", y ? "measurements" : "outputs", name);
+        nearest_look(&nearest, its);
+    }
+    if (!*path)
+        settings_fail(&r->s, group, "there is no measurement or output \"%s\"%s%s%s", name,
+                      nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                      nearest.name ? "\"?" : "");
+    else
+        grow_list(r, path, group, "signal");
+}
+
+/* ---- Texts ---------------------------------------------------------------------------------- */
+
+/* Text number @p i of a list or array. */
+static const char *text_in(struct scenario_reading *r, const config_setting_t *list, int i)
+{
+    const config_setting_t *at = config_setting_get_elem(list, (unsigned)i);
+    const char *text = config_setting_get_string(at);
+    if (!text)
+        settings_fail(&r->s, at, "\"%s\" must be texts: %s = ( \"...\", \"...\" );",
+                      config_setting_name(list), config_setting_name(list));
+    return text;
+}
+
+/* A list of texts; NULL: there is none. */
+static const config_setting_t *texts_of(struct scenario_reading *r, const config_setting_t *root,
+                                        const char *name)
+{
+    const config_setting_t *list = config_setting_get_member(root, name);
+    if (list && !config_setting_is_list(list) && !config_setting_is_array(list)) {
+        settings_fail(&r->s, list, "\"%s\" must be a list of texts: %s = ( \"...\", \"...\" );", name, name);
+        return NULL;
+    }
+    return list;
+}
+
+static void read_scenario_set(struct scenario_reading *r, const config_setting_t *root)
+{
+    const config_setting_t *list = texts_of(r, root, "set");
+    const int n = list ? config_setting_length(list) : 0;
+    for (int i = 0; i < n && !r->s.failed; i++) {
+        const char *text = text_in(r, list, i), *equals = text ? setting_equals(text) : NULL;
+        char path[EXPERIMENT_SETTING];
+        if (!text)
+            return;
+        if (!equals || equals == text || (size_t)(equals - text) >= sizeof path) {
+            settings_fail(&r->s, config_setting_get_elem(list, (unsigned)i),
+                          "set \"%.80s\": expected \"PATH=VALUE\", as \"controller.Kp=0.5\"", text);
+            return;
+        }
+        snprintf(path, sizeof path, "%.*s", (int)(equals - text), text);
+        add_change(r, path, strdup(equals + 1),
+                   config_setting_source_line(config_setting_get_elem(list, (unsigned)i)));
+    }
+}
+
+/* Settings of the experiment's own, in place of what it says. */
+static void read_scenario_member(struct scenario_reading *r, const config_setting_t *root, const char *name)
+{
+    const config_setting_t *member = r->s.failed ? NULL : config_setting_get_member(root, name);
+    char *text = NULL;
+    if (!member)
+        return;
+    if (experiment_setting_text(member, &text) < 0)
+        text = NULL;
+    add_change(r, name, text, config_setting_source_line(member));
+}
+
+/* ---- The experiment ------------------------------------------------------------------------- */
+
+/* The experiment with its first @p n changes; who is to blame is told by the last one. */
+static int parse_changed_scenario(struct scenario_reading *r, const char *file, const char *text, size_t n,
+                                  struct apc_error *why)
+{
+    char *now = strdup(text), *next, said[EXPERIMENT_PATH + 200];
+    const struct scenario_change *last = n > 0 ? &r->change[n - 1] : NULL;
+    struct apc_error of_change;
+    int rc = now ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
+
+    if (last && last->line)
+        snprintf(said, sizeof said, "%s:%u", r->s.file, last->line);
+    else if (last)
+        snprintf(said, sizeof said, "%s: --set %.100s=%.80s", r->s.file, last->path, last->value);
+    for (size_t i = 0; last && i < n && rc == 0; i++) {
+        rc = experiment_change(now, r->change[i].path, r->change[i].value, &next, &of_change);
+        if (rc < 0)
+            apc_fail(why, rc, "%s: %s", said, of_change.text);
+        else {
+            free(now);
+            now = next;
+        }
+    }
+    if (rc == 0)
+        rc = experiment_parse(
+            &r->of->e, &(struct experiment_source){.file = file, .text = now, .change = last ? said : NULL},
+            EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+    free(now);
+    return rc;
+}
+
+static int change_experiment(struct scenario_reading *r, struct apc_error *why)
+{
+    char file[EXPERIMENT_PATH], *text = strdup(r->of->e.text);
+    snprintf(file, sizeof file, "%s", r->of->e.file);
+    experiment_free(&r->of->e);
+    int rc =
+        text ? parse_changed_scenario(r, file, text, r->n, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t n = 1; rc < 0 && text && n < r->n; n++) {
+        const int one = parse_changed_scenario(r, file, text, n, why);
+        experiment_free(&r->of->e);
+        if (one < 0)
+            break;
+        if (n + 1 == r->n)
+            (void)parse_changed_scenario(r, file, text, r->n, why);
+    }
+    free(text);
+    return rc;
+}
+
+/* A path in a scenario means: from where the scenario is. */
+static void resolve_experiment(const char *scenario, const char *name, char path[EXPERIMENT_PATH])
+{
+    const char *slash = *name == '/' ? NULL : strrchr(scenario, '/');
+    snprintf(path, EXPERIMENT_PATH, "%.*s%s", slash ? (int)(slash - scenario) + 1 : 0, scenario, name);
+}
+
+/* ---- The file ------------------------------------------------------------------------------- */
+
+static void read_expectations(struct scenario_reading *r, const config_setting_t *root)
+{
+    struct scenario *of = r->of;
+    const config_setting_t *list = texts_of(r, root, "expect");
+    struct apc_error why;
+    const int n = list ? config_setting_length(list) : 0;
+    if (n == 0)
+        settings_fail(&r->s, list ? list : root,
+                      "\"expect\" is missing: what is to become of the run, as "
+                      "expect = ( \"never y < 20\" );");
+    of->expect = calloc((size_t)n + 1, sizeof *of->expect);
+    if (!of->expect)
+        lack_memory(r);
+    for (int i = 0; i < n && !r->s.failed; i++) {
+        const char *text = text_in(r, list, i);
+        struct expectation *x = &of->expect[of->n_expect++];
+        if (text && check_parse(x, text, &of->e, &of->sources, &why) < 0)
+            settings_fail(&r->s, config_setting_get_elem(list, (unsigned)i), "%s", why.text);
+    }
+}
+
+static void read_runs(struct scenario_reading *r, const config_setting_t *root)
+{
+    struct scenario *of = r->of;
+    int64_t runs = 1, seed = (int64_t)of->e.seed;
+    settings_whole(&r->s, root, "runs", OPTIONAL, 1, 1000000, &runs);
+    settings_whole(&r->s, root, "seed", OPTIONAL, 0, INT64_C(1) << 53, &seed);
+    of->share = 1;
+    settings_number(&r->s, root, "share", OPTIONAL, 0.01, 1, &of->share);
+    of->runs = (unsigned)runs;
+    of->seed = (uint64_t)seed;
+}
+
+static void read_scenario(struct scenario_reading *r, const config_setting_t *root,
+                          const struct experiment_setting *set, size_t n)
+{
+    static const char *const known[] = {"experiment", "title",  "set",    "duration", "network",
+                                        "clock",      "faults", "runs",   "seed",     "disturbances",
+                                        "actions",    "share",  "expect", NULL};
+    struct scenario *of = r->of;
+    char name[EXPERIMENT_PATH] = "", path[EXPERIMENT_PATH];
+    settings_known(&r->s, root, known);
+    settings_text(&r->s, root, "experiment", REQUIRED, name, sizeof name);
+    if (r->s.failed)
+        return;
+    resolve_experiment(r->s.file, name, path);
+    if ((r->s.failed = experiment_load(&of->e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, r->s.why)) < 0)
+        return;
+    snprintf(of->title, sizeof of->title, "%s", of->e.title);
+    settings_text(&r->s, root, "title", OPTIONAL, of->title, sizeof of->title);
+    read_scenario_member(r, root, "duration");
+    read_scenario_member(r, root, "network");
+    read_scenario_member(r, root, "clock");
+    read_scenario_set(r, root);
+    read_groups(r, root, "disturbances", read_scenario_disturbance);
+    read_groups(r, root, "faults", read_scenario_fault);
+    read_groups(r, root, "actions", read_scenario_action);
+    for (size_t i = 0; i < n; i++)
+        add_change(r, set[i].path, strdup(set[i].value), 0);
+    if (!r->s.failed && r->n > 0)
+        r->s.failed = change_experiment(r, r->s.why);
+    if (!r->s.failed && !(of->e.duration > 0))
+        settings_fail(&r->s, root, "%s has no duration: give the scenario one, as duration = 600.0;", name);
+    if (r->s.failed)
+        return;
+    read_runs(r, root);
+    read_expectations(r, root);
+}
+
+int scenario_load(struct scenario *scenario, const char *file, const struct experiment_setting *set, size_t n,
+                  struct apc_error *why)
+{
+    config_t config;
+    *scenario = (struct scenario){.runs = 1};
+    struct scenario_reading r = {.s = {.file = scenario->file, .why = why}, .of = scenario};
+    snprintf(scenario->file, sizeof scenario->file, "%s", file);
+    r.s.failed = settings_load(&config, file, why);
+    if (!r.s.failed)
+        read_scenario(&r, config_root_setting(&config), set, n);
+    config_destroy(&config);
+    for (size_t i = 0; i < r.n; i++) {
+        free(r.change[i].path);
+        free(r.change[i].value);
+    }
+    free(r.change);
+    return r.s.failed;
+}
+
+void scenario_free(struct scenario *scenario)
+{
+    experiment_free(&scenario->e);
+    free(scenario->expect);
+    free(scenario->sources.at);
+    *scenario = (struct scenario){.runs = 0};
+}

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc check: the shipped scenarios hold, which is the test of how their experiments are controlled; what is printed, and exit codes.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/../lib.sh"
+cd "$work"
+cp -r "$APC_SOURCE_DIR/experiments" .
+scenarios=experiments/scenarios
+export PATH=$APC_BIN:$PATH
+
+# ---- They hold
+
+# Promise(simulation/check-holds): The shipped scenarios hold: `apc check` judges what becomes of them, and exits
+#   with 0 if all expectations held, 1 if some did not, 2 if a scenario is wrong.
+"$apc" check $scenarios/*.scenario >held.txt || fail "a shipped scenario does not hold: $(cat held.txt)"
+grep -q "^$(grep -c '^  held ' held.txt) of $(grep -cE '^  (held|failed) ' held.txt) expectations held" held.txt || fail "another count: $(cat held.txt)"
+# Promise(simulation/check-jobs): What `apc check` finds does not depend on --jobs.
+"$apc" check $scenarios/quadruple-tank.scenario --jobs 1 >one.txt
+"$apc" check $scenarios/quadruple-tank.scenario --jobs 3 >three.txt
+cmp one.txt three.txt
+# Types(docs/commissioning.md): apc check
+python3 "$(dirname "$0")/../shown.py" "$APC_SOURCE_DIR/docs/commissioning.md" >shown.txt ||
+  fail "docs/commissioning.md shows something else than what comes out: $(cat shown.txt)"
+
+# ---- They fail, and it is said when
+
+lost=$scenarios/first-order-sensor-lost.scenario
+expect 1 'failed  never plant y > 21: plant y = 21\.[0-9]+ at 15[0-9.]+ s' "$apc" check $lost --set controller.Kp=0.5
+expect 1 'u at fault value by 70 s: cannot be judged: the run ended at [0-9.]+ s: the plant diverged' "$apc" check $lost --set plant.integrator=rk4 --set plant.steps=1 --set plant.parameters.tau=0.01
+expect 1 'in [0-9]+ of 20 runs; seed 1: ' "$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01
+
+# ---- For programs
+
+# Promise(simulation/check-formats): Its TAP and its JUnit XML say the same as its text.
+status=0
+"$apc" check --format junit $lost --set controller.Kp=0.5 >junit.xml || status=$?
+"$apc" check --format tap $lost --set controller.Kp=0.5 >tap.txt || true
+"$apc" check $lost --set controller.Kp=0.5 >text.txt || true
+[ $status -eq 1 ] || fail "exit code $status instead of 1"
+python3 - <<'END'
+import re
+import xml.etree.ElementTree as tree
+text = re.findall(r"^  (held|failed)  +(.+?): (.+)$", open("text.txt").read(), re.M)
+assert any(is_ == "failed" for is_, _, _ in text), text
+suite = tree.parse("junit.xml").getroot()[0]
+assert suite.get("tests") == str(len(text)) and suite.get("failures") == str(sum(is_ == "failed" for is_, _, _ in text))
+for case, (is_, name, said) in zip(suite, text, strict=True):
+    failure = case.find("failure")
+    assert case.get("name") == name and (failure is not None) == (is_ == "failed"), name
+    assert (failure.get("message") if failure is not None else case.find("system-out").text) == said, name
+lines = open("tap.txt").read().splitlines()
+assert lines[:2] == ["TAP version 13", f"1..{len(text)}"], lines
+results = [line for line in lines if re.match(r"(not )?ok ", line)]
+for n, (line, (is_, name, _)) in enumerate(zip(results, text, strict=True), 1):
+    assert line == f"{'not ' * (is_ == 'failed')}ok {n} - experiments/scenarios/first-order-sensor-lost.scenario: {name}", line
+END
+
+# ---- Nothing is run where something is wrong
+
+# Promise(simulation/check-refuses): `apc check` runs nothing where a scenario is wrong, or has an expectation that can
+#   never be judged.
+cat >wrong.scenario <<'END'
+experiment = "experiments/first-order.conf";
+expect = ( "never y > 25",
+           "never yy > 25" );
+END
+expect 2 '^apc check: wrong\.scenario:3: "never yy > 25": there is no signal "yy"' "$apc" check $lost wrong.scenario
+{ cat $lost; echo 'share = 0.95;'; } >$scenarios/share.scenario
+expect 2 'a share of 0\.95 cannot be shown .* by 58 runs.*: 59 are needed$' "$apc" check --runs 58 $scenarios/share.scenario
+expect 2 'pi has no parameter "Kd": did you mean "Kp"' "$apc" check $lost --set controller.Kd=1
+expect 2 'No such file' "$apc" check nothing.scenario
