@@ -74,7 +74,10 @@ function note() {
 // How many frames there are is the computer's business; what a frame shows is the page's.
 test("a hundred variables at 10 Hz: what has come is on the screen a frame later, all values together", PATIENCE, async () => {
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED, initScript: note});
-  await until("the rows in sight have their values", async () => (await page.locator("main .rows .value[data-seq]").count()) >= 20);
+  await until("all rows in sight have their values", () => page.evaluate(() => {
+    const cells = [...document.querySelectorAll("main .rows .value")];
+    return cells.length >= 20 && cells.every(cell => cell.dataset.seq);
+  }));
   await page.evaluate(() => {
     const cells = [...document.querySelectorAll("main .rows .value")];
     window.seen = {seqs: new Set(), torn: 0, late: 0};
