@@ -248,10 +248,16 @@ static int change_experiment(struct scenario_reading *r, struct apc_error *why)
 }
 
 /* A path in a scenario means: from where the scenario is. */
-static void resolve_experiment(const char *scenario, const char *name, char path[EXPERIMENT_PATH])
+static void resolve_experiment(struct scenario_reading *r, const char *name, char path[EXPERIMENT_PATH])
 {
-    const char *slash = *name == '/' ? NULL : strrchr(scenario, '/');
-    snprintf(path, EXPERIMENT_PATH, "%.*s%s", slash ? (int)(slash - scenario) + 1 : 0, scenario, name);
+    const char *scenario = r->s.file, *slash = *name == '/' ? NULL : strrchr(scenario, '/');
+    const int n =
+        snprintf(path, EXPERIMENT_PATH, "%.*s%s", slash ? (int)(slash - scenario) + 1 : 0, scenario, name);
+    if (n < 0 || n >= EXPERIMENT_PATH)
+        r->s.failed =
+            apc_fail(r->s.why, APC_EINVAL,
+                     "the path of experiment \"%.60s\" is longer than %d bytes: go to the scenario's folder",
+                     name, EXPERIMENT_PATH - 1);
 }
 
 /* ---- The file ------------------------------------------------------------------------------- */
@@ -301,7 +307,9 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
     settings_text(&r->s, root, "experiment", REQUIRED, name, sizeof name);
     if (r->s.failed)
         return;
-    resolve_experiment(r->s.file, name, path);
+    resolve_experiment(r, name, path);
+    if (r->s.failed)
+        return;
     if ((r->s.failed = experiment_load(&of->e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, r->s.why)) < 0)
         return;
     snprintf(of->title, sizeof of->title, "%s", of->e.title);

@@ -28,6 +28,11 @@ expect 1 'failed  never plant y > 21: plant y = 21\.[0-9]+ at 15[0-9.]+ s' "$apc
 expect 1 'u at fault value by 70 s: cannot be judged: the run ended at [0-9.]+ s: the plant diverged' "$apc" check $lost --set plant.integrator=rk4 --set plant.steps=1 --set plant.parameters.tau=0.01
 expect 1 'in [0-9]+ of 20 runs; seed 1: ' "$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01
 
+deep=$(printf 'd%.0s' {1..250})
+mkdir -p "$deep/$deep"
+cp $lost "$deep/$deep/far.scenario"
+expect 2 'the path of experiment "../first-order.conf" is longer than 511 bytes' "$apc" check "$deep/$deep/far.scenario"
+
 # ---- For programs
 
 # Promise(simulation/check-formats): Its TAP and its JUnit XML say the same as its text.
