@@ -127,6 +127,13 @@ static inline bool apc_table_shared(enum apc_table table)
     return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
 }
 
+/** Do its rows bear numbers of something else, some of which are left out? A law publishes nothing at a tick at which
+ * it has no answer; a plan has the seq of its setpoint, of which others are written by people. */
+static inline bool apc_table_leaves_out(enum apc_table table)
+{
+    return table == APC_ESTIMATE || table == APC_PREDICTION || table == APC_PLAN;
+}
+
 /** Are old samples of it packed? */
 static inline bool apc_table_packed(enum apc_table table)
 {

@@ -141,7 +141,10 @@ static int find_then(struct look *was, apc_status *status)
     struct past *s = was->s;
     struct look next = {.s = s, .table = was->table, .id = was->id};
     int rc = find_before(was);
-    rc = rc < 0 ? rc : find_behind(&next, was->seq);
+    if (rc < 0 || apc_table_leaves_out(was->table)) {
+        return rc < 0 ? rc : 0;
+    }
+    rc = find_behind(&next, was->seq);
     if (rc >= 0 && was->seq > 0 && next.seq != was->seq + 1) {
         *status = apc_status_severity(*status) == APC_SEVERITY_GOOD ? APC_UNCERTAIN_LAST_USABLE : *status;
         doubt(s, "rows are missing in the record", was->table, was->id, was->time, next.time);

@@ -431,15 +431,9 @@ static int flush_row_batch(struct apc_replication *f)
     return 0;
 }
 
-/* A law publishes nothing at a tick at which it has no answer: these rows bear the numbers of ticks, and some
- * are left out. Whether any was overwritten says the row before, as long as it is there to be read. */
-static bool leaves_out(const struct apc_replication_variable *v)
-{
-    return v->at.table == APC_ESTIMATE || v->at.table == APC_PREDICTION;
-}
-
 /* Are rows missing between the last one that TO has, or has been told of, and the first of a step? Of what
- * was before a record began none is. */
+ * was before a record began none is. Where numbers are left out, the row before says whether any was
+ * overwritten, as long as it is there to be read. */
 static bool is_gap(const struct apc_replication *f, const struct apc_replication_variable *v, int64_t seq,
                    int64_t told)
 {
@@ -447,9 +441,9 @@ static bool is_gap(const struct apc_replication *f, const struct apc_replication
         return false;
     }
     if (v->at.seq == 0) { /* TO has none: it may be a backup of before there were any */
-        return v->gone || (f->kept && !leaves_out(v) && seq > f->first + 1);
+        return v->gone || (f->kept && !apc_table_leaves_out(v->at.table) && seq > f->first + 1);
     }
-    return !leaves_out(v) || (!v->follows && (v->ours || v->at.seq > f->first));
+    return !apc_table_leaves_out(v->at.table) || (!v->follows && (v->ours || v->at.seq > f->first));
 }
 
 /* The first row of a variable in a step: is it the one that follows? After a step that failed it may come
@@ -532,7 +526,8 @@ static int move_variable(struct apc_replication *f, struct apc_replication_varia
     int rc = 0;
     f->reading = v;
     while (rc == 0 && v->at.seq < v->newest && !late(f)) {
-        const struct apc_range range = {.after = v->at.seq - (leaves_out(v) && v->at.seq > 0)};
+        const struct apc_range range = {.after =
+                                            v->at.seq - (apc_table_leaves_out(v->at.table) && v->at.seq > 0)};
         v->follows = false;
         const int given =
             apc_table_vectors(v->at.table)

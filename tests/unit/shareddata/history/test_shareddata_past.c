@@ -282,6 +282,19 @@ static void test_what_the_record_cannot_tell_is_said(void **state)
     }
 }
 
+static void test_ticks_at_which_nothing_is_published_are_not_missing(void **state)
+{
+    const struct apc_sample s[] = {{.table = APC_ESTIMATE, .id = 1, .seq = 5, .time = BEGIN},
+                                   {.table = APC_ESTIMATE, .id = 1, .seq = 9, .time = BEGIN + APC_NS_PER_S}};
+    struct apc_sample now = s[0];
+    ok(*state, apc_store_append(*state, s, 2));
+    struct apc_store *then = past(*state, BEGIN);
+    ok(then, apc_store_read(then, &now, 1));
+    assert_true(now.seq == 5 && now.status == APC_GOOD);
+    assert_null(strstr(apc_store_error(then), "missing"));
+    apc_store_close(then);
+}
+
 static void test_the_experiment_is_that_of_then_where_it_is_kept(void **state)
 {
     const bool kept = strncmp(store_kind->name, "mem:", 4) != 0 && strncmp(store_kind->name, "shm:", 4) != 0;
@@ -314,6 +327,7 @@ int main(void)
         T(test_nobody_changes_the_past_nor_sees_the_future),
         T(test_what_is_streamed_ends_at_the_instant),
         T(test_what_the_record_cannot_tell_is_said),
+        T(test_ticks_at_which_nothing_is_published_are_not_missing),
         T(test_the_experiment_is_that_of_then_where_it_is_kept),
     };
     int failed = 0;

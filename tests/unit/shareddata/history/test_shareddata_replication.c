@@ -413,16 +413,18 @@ static void test_events_that_are_alike_are_all_moved(void **state)
     live_drop(live);
 }
 
-/* What a law publishes, at the ticks at which it has an answer. */
+/* What a law publishes, at the ticks at which it has an answer; and a plan, of the setpoints that are none of an
+ * operator's. */
 static void publish(struct apc_store *store, int64_t tick)
 {
     double value[2] = {(double)tick, 1};
     struct apc_sample s = sample(APC_ESTIMATE, 1, tick, (double)tick);
-    struct apc_vector v = {
-        .table = APC_PREDICTION, .id = 1, .seq = tick, .time = s.time, .n = 2, .value = value};
+    struct apc_vector v[] = {
+        {.table = APC_PREDICTION, .id = 1, .seq = tick, .time = s.time, .n = 2, .value = value},
+        {.table = APC_PLAN, .id = 1, .seq = tick, .time = s.time, .n = 2, .value = value}};
     const struct apc_rows rows = {
-        .size = sizeof rows, .sample = &s, .n_samples = 1, .vector = &v, .n_vectors = 1};
-    assert_int_equal(apc_store_append_rows(store, &rows), 2);
+        .size = sizeof rows, .sample = &s, .n_samples = 1, .vector = v, .n_vectors = 2};
+    assert_int_equal(apc_store_append_rows(store, &rows), 3);
 }
 
 /* Promise(stores/warned-of-a-gap) */
@@ -434,12 +436,12 @@ static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(
         publish(live, tick);
     }
     struct apc_replication *f = begin(live, *state);
-    assert_int_equal(step(f), 6);
+    assert_int_equal(step(f), 9);
     publish(live, 9);
-    assert_int_equal(step(f), 2);
+    assert_int_equal(step(f), 3);
     publish(live, 10);
     publish(live, 15);
-    assert_int_equal(step(f), 4);
+    assert_int_equal(step(f), 6);
     assert_int_equal(step(f), 0);
     apc_replication_stats(f, &stats);
     assert_int_equal(stats.gap.times, 0);
@@ -448,7 +450,7 @@ static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(
     }
     assert_true(step(f) > 0);
     apc_replication_stats(f, &stats);
-    assert_int_equal(stats.gap.times, 2);
+    assert_int_equal(stats.gap.times, 3);
     assert_int_equal(stats.gap.since, 15 * 1000 * APC_NS_PER_US);
     apc_replication_destroy(f);
     live_drop(live);
@@ -585,12 +587,13 @@ static void assert_each_gap_is_told(const struct telling *t, struct apc_store *h
         enum apc_table table;
         int id, first, every;
     } rows[] = {{APC_SENSOR, 1, 1, 1},   {APC_ACTUATOR, 1, 1, 1},   {APC_TICK, 1, 1, 1},
-                {APC_ESTIMATE, 1, 2, 2}, {APC_PREDICTION, 1, 2, 2}, {APC_SENSOR, 2, 11, 1}};
+                {APC_ESTIMATE, 1, 2, 2}, {APC_PREDICTION, 1, 2, 2}, {APC_PLAN, 1, 2, 2},
+                {APC_SENSOR, 2, 11, 1}};
     uint64_t variables = 0;
     for (int k = 0; k < t->calls; k++) {
         variables += t->gap[k].variables;
     }
-    assert_int_equal(variables, 6); /* each of them, and once */
+    assert_int_equal(variables, 7); /* each of them, and once */
     for (size_t r = 0; r < sizeof rows / sizeof rows[0]; r++) {
         static struct there there;
         there = (struct there){{false}};
