@@ -175,14 +175,15 @@ static int fill_estimator(struct apc_estimator *e, const struct apc_estimator_op
                           struct apc_nested *nested, struct apc_error *why)
 {
     const struct apc_model *model = o->model;
+    const struct apc_linear *linear = o->linear;
     int rc;
 
     e->kind = o->kind;
     e->nested = nested;
     e->n_model = nested ? apc_nested_states(nested) : model ? model->nx : 0;
-    e->nx = o->linear ? o->linear->nx : e->n_model + o->n_unknown;
-    e->ny = o->linear ? o->linear->ny : model->ny;
-    e->n_inputs = o->linear ? o->linear->nu + o->linear->nd : model->nu + model->nd;
+    e->nx = linear ? linear->nx : e->n_model + o->n_unknown;
+    e->ny = linear ? linear->ny : model->ny;
+    e->n_inputs = linear ? linear->nu + linear->nd : model->nu + model->nd;
     rc = take_unknown_disturbances(e, o, why);
     if (rc == 0)
         rc = check_variances(o->q, e->nx, 0.0, "q", why);
@@ -200,7 +201,7 @@ static int fill_estimator(struct apc_estimator *e, const struct apc_estimator_op
         e->p0[i] = o->p0 ? o->p0[i] : e->q[i] > 0.0 ? e->q[i] : 1.0;
     if (e->kind == APC_KALMAN_STEADY)
         return steady(e, why);
-    if (e->kind == APC_KALMAN)
+    if (linear)
         return 0;
     e->model = model;
     e->steps = o->steps ? o->steps : 10;
