@@ -305,8 +305,9 @@ void apc_subprocess_start(struct apc_subprocess *c)
     (void)pthread_attr_setschedparam(&attributes, &normal);
     c->starting = true;
     if (pthread_create(&c->starter, &attributes, start_again, c) == 0)
-        c->started = getpid();
-    c->starting = c->started != 0;
+        c->started = getpid(); /* and `starting` is the thread's */
+    else
+        c->starting = false;
     (void)pthread_attr_destroy(&attributes);
 }
 
