@@ -97,6 +97,29 @@ const char *loops_owner_name(bool local); /* "Local", "Remote" */
 /* The setpoint whose owner a row of table opmode says: a switch, or the target of its loop. 0: none. */
 int loops_owned(const struct loops *loops, const struct apc_sample *row);
 
+/* ---- Entries -------------------------------------------------------------------------------- */
+
+/* What is known of a loop, of one moment; of rows seq 0: there is none. */
+struct entry_seen {
+    struct apc_sample target, actual; /* its modes */
+    struct apc_sample output;
+    bool stopped; /* its controller is known not to tick */
+    bool safe;    /* the plant says that it takes no output */
+};
+
+struct entry_note {
+    const char
+        *code; /* "stopped", "safe", "oos", "shadow", "tracking", "fault", "backup", "man", "shed", "held",
+                         "low", "high", "both" */
+    const char *text;
+};
+
+/* What a loop follows instead of an entry, or what holds it back; of several the first, from which the others
+ * follow. NULL: nothing does. [tick] */
+const struct entry_note *entry_note(const struct entry_seen *seen);
+/* {"code", "text"}, or null. */
+void entry_note_json(const struct entry_note *note, struct text *t);
+
 /* ---- Changes -------------------------------------------------------------------------------- */
 
 /*

@@ -442,9 +442,19 @@ test("any link gives a place", () => {
 
 const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});
 
-const control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: null};
+const control: Control = {running: {base: true}, reasons: {}, entries: {}, shadow: [], safe: false, safe_since: null, alarms: null};
 const [below, , above] = cascade.loops as [Loop, Loop, Loop];
 const judge = (target: number | null, actual: number | null, part: Partial<Control> = {}, loop = below, p = cascade) => modesOf(loop, p, of(target), of(actual), {...control, ...part});
+
+test("what stands between an entry and its effect is said where it is entered", () => {
+  const note = (code: string, loop = below, [target, actual] = [1, 1]) => judge(target, actual, {entries: {[loop.id]: {code, text: "in English"}}}, loop).entry;
+  assert.deepEqual(note("backup"), {setpoint: "the backup law acts", output: "the backup law acts"});
+  assert.deepEqual(note("high"), {setpoint: "the output is at its high limit", output: null}, "in Man it is moved by hand");
+  assert.deepEqual(note("man", above, [0, 0]), {setpoint: "the loop is in Man: no setpoint moves it", output: null});
+  assert.deepEqual(note("man", below, [0, 0]), {setpoint: null, output: null}, "it tracks, which is said");
+  assert.deepEqual(note("later than this page"), {setpoint: "in English", output: "in English"});
+  assert.deepEqual(judge(1, 1).entry, {setpoint: null, output: null});
+});
 
 test("why the actual mode is what it is is said, and when it is only last known", () => {
   const told = (target: number | null, actual: number | null, part: object = {}) => {

@@ -46,7 +46,7 @@ const app = document.getElementById("app") as HTMLElement;
 let begun = false;
 
 beforeEach(async () => {
-  server.control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: null};
+  server.control = {running: {base: true}, reasons: {}, entries: {}, shadow: [], safe: false, safe_since: null, alarms: null};
   for (const name of ["setpoint.1", "output.1", "mode.1", "owner.1", "tuning.1", "ack.1", "ack.2", "shelve.1"]) forget(name);
   env.asked.length = 0;
   if (!begun) {
@@ -255,7 +255,7 @@ test("the database is not known to be well while nobody is connected", async () 
 });
 
 test("what stands is told on every page", async () => {
-  server.control = {running: {base: false}, reasons: {}, shadow: [], safe: true, safe_since: START, alarms: null};
+  server.control = {running: {base: false}, reasons: {}, entries: {}, shadow: [], safe: true, safe_since: START, alarms: null};
   server.beat();
   await settle();
   assert.equal(said(".safe-bar"), "[priority 1: plant without a command] The plant is given no command since 2033-05-18 03:33:20 UTC: nothing drives it.");
@@ -521,6 +521,18 @@ test("what somebody else has changed is written over only by the button that say
   assert.match(said('[data-slot="setpoint.1"]'), /^\[unknown\] r1 9 → 7 m: unknown – the server did not answer in time/);
   await click(button("Dismiss"));
   assert.equal(said('[data-slot="setpoint.1"]'), "");
+});
+
+// Promise(modes/entry-note)
+test("beside an entry is said what its loop follows instead", async () => {
+  await show("loop/1");
+  assert.doesNotMatch(said(".operate"), /the backup law acts/);
+  server.control = {...server.control, entries: {1: {code: "backup", text: "the backup law acts"}}};
+  server.beat();
+  await settle();
+  const field = one<HTMLInputElement>('input[name="setpoint.1"]');
+  const note = field.getAttribute("aria-describedby")?.split(" ").map(id => document.getElementById(id)?.textContent)[1];
+  assert.equal(note, "the backup law acts");
 });
 
 test("the output is offered in Man only, and a reason is given", async () => {

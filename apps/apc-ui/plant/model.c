@@ -365,6 +365,24 @@ static const char *reason(const struct model *m, size_t i, apc_ns now)
                                      : NULL;
 }
 
+static struct apc_sample newest_row(const struct model *m, enum apc_table table, int id)
+{
+    const int at = find_plant_tag(&m->plant, table, id);
+    return at >= 0 ? m->now[at] : (struct apc_sample){.table = table, .id = id};
+}
+
+static const struct entry_note *note_of_loop(const struct model *m, const struct loops_loop *loop, apc_ns now)
+{
+    const struct entry_seen seen = {
+        .target = newest_row(m, APC_OPMODE, loop->id),
+        .actual = newest_row(m, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id)),
+        .output = newest_row(m, loop->table, loop->output),
+        .stopped = model_ticks(m, loop->controller, now) == 0,
+        .safe = m->standing.safe > 0,
+    };
+    return entry_note(&seen);
+}
+
 void control_json(const struct model *m, apc_ns now, struct text *t)
 {
     const struct standing *s = &m->standing;
@@ -378,6 +396,16 @@ void control_json(const struct model *m, apc_ns now, struct text *t)
         snprintf(id, sizeof id, "%d", m->plant.loops.at[i].id);
         if (why)
             json_add(t, "%s:%s", id, why);
+    }
+    json_add(t, "}, entries:{");
+    for (size_t i = 0; i < m->plant.loops.n; i++) {
+        const struct entry_note *note = note_of_loop(m, &m->plant.loops.at[i], now);
+        char id[16];
+        snprintf(id, sizeof id, "%d", m->plant.loops.at[i].id);
+        if (!note)
+            continue;
+        json_add(t, "%s:", id);
+        entry_note_json(note, t);
     }
     json_add(t, "}, shadow:[");
     for (size_t i = 0; i < m->plant.loops.n_controllers; i++)

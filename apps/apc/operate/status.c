@@ -261,6 +261,9 @@ static void show_mode(const struct status *s)
            s->loops.reason[0][0] ? ": " : "");
     print_clean(stdout, s->loops.reason[0]);
     putchar('\n');
+    const struct entry_note *entry = status_loops_entry(&s->loops, 0);
+    if (entry && !s->loops.reason[0][0] && strcmp(entry->code, "man") != 0)
+        printf("       %s\n", entry->text);
     status_plan_show(&s->loops.plan[0], s->now);
     const char *owner = status_loops_owner(&s->loops, 0);
     if (owner && !strcmp(owner, loops_owner_name(true))) {

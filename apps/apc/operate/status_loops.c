@@ -113,6 +113,23 @@ const char *status_loops_owner(const struct status_loops *s, size_t i)
     return owner->table ? loops_owner_name(loops_is_local(owner)) : NULL;
 }
 
+static bool has_no_ticks(const struct status_loops *s, size_t controller)
+{
+    const struct loops_controller *c = &s->plant->loops.controller[controller];
+    const struct apc_vector *tick = &s->tick[controller];
+    return tick->seq == 0 || (c->period > 0 && s->now - tick->time > 3 * c->period + APC_NS_PER_S);
+}
+
+const struct entry_note *status_loops_entry(const struct status_loops *s, size_t i)
+{
+    const struct apc_sample *row = s->row + LOOP_ROWS * i;
+    const struct entry_seen seen = {.target = row[LOOP_TARGET],
+                                    .actual = row[LOOP_ACTUAL],
+                                    .output = row[LOOP_OP],
+                                    .stopped = has_no_ticks(s, s->plant->loops.at[i].controller)};
+    return entry_note(&seen);
+}
+
 /* Which way a limit holds the output back, as its status says. */
 static const char *limit_of(const struct apc_sample *op)
 {
@@ -141,8 +158,7 @@ static void show_controller(const struct status_loops *s, size_t i)
     if (s->tick[i].seq == 0)
         fputs(", has not ticked yet", stdout);
     else
-        printf(", last tick %s ago%s", print_age(age, text),
-               c->period > 0 && age > 3 * c->period + APC_NS_PER_S ? ": IT DOES NOT TICK" : "");
+        printf(", last tick %s ago%s", print_age(age, text), has_no_ticks(s, i) ? ": IT DOES NOT TICK" : "");
     if (t) {
         printf(", late p99 %s", print_duration(t->p99, text));
         printf(", missed %llu of %llu", (unsigned long long)t->missed,
@@ -193,6 +209,20 @@ static void put_loop(struct print_table *table, const struct status_loops *s, si
     print_cell(table, PRINT_ALARM, "%s", status_is_stale(&s->plant->tags, aged, s->now) ? "STALE" : "");
 }
 
+/* What the table does not show. */
+static void show_loop_words(const struct status_loops *s, size_t i)
+{
+    const char *name = s->plant->loops.at[i].name;
+    const struct entry_note *entry = status_loops_entry(s, i);
+    if (s->reason[i][0]) {
+        printf("%s is in %s: ", name, actual_mode_word(&s->row[LOOP_ROWS * i + LOOP_ACTUAL]));
+        print_clean(stdout, s->reason[i]);
+        putchar('\n');
+    } else if (entry && !strcmp(entry->code, "held")) {
+        printf("%s: %s\n", name, entry->text);
+    }
+}
+
 int status_loops_show(const struct status_loops *s, bool colour)
 {
     static const struct print_column columns[] = {
@@ -209,14 +239,8 @@ int status_loops_show(const struct status_loops *s, bool colour)
         show_controller(s, i);
         rc = print_table_end(&table, stdout, colour, 0);
         status_plan_show(&s->plan[i], s->now);
-        for (size_t k = c->first; k < c->first + c->n; k++) {
-            if (!s->reason[k][0])
-                continue;
-            printf("%s is in %s: ", s->plant->loops.at[k].name,
-                   actual_mode_word(&s->row[LOOP_ROWS * k + LOOP_ACTUAL]));
-            print_clean(stdout, s->reason[k]);
-            putchar('\n');
-        }
+        for (size_t k = c->first; k < c->first + c->n; k++)
+            show_loop_words(s, k);
     }
     return rc;
 }
@@ -249,6 +273,8 @@ static void status_loop_json(const struct status_loops *s, size_t i, struct text
     json_value(s, "setpoint", &row[LOOP_SP], t);
     json_value(s, "measurement", &row[LOOP_PV], t);
     json_value(s, "output", &row[LOOP_OP], t);
+    json_add(t, "entry:");
+    entry_note_json(status_loops_entry(s, i), t);
     json_add(t, "low:%e, high:%e, at_limit:%s}", tag ? tag->low : -APC_VALUE_MAX,
              tag ? tag->high : APC_VALUE_MAX, limit_of(&row[LOOP_OP]));
 }

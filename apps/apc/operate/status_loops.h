@@ -32,6 +32,8 @@ bool status_is_stale(const struct cli_tags *tags, const struct apc_sample *sampl
 bool status_loops_have(const struct status_loops *s, const struct apc_sample *variable);
 /* Whose the setpoint of a loop is that another one or the scheduler moves; NULL: nobody else does. */
 const char *status_loops_owner(const struct status_loops *s, size_t loop);
+/* What stands between an entry and its effect; NULL: nothing. */
+const struct entry_note *status_loops_entry(const struct status_loops *s, size_t loop);
 /* A table a controller. Returns 0 or APC_ENOMEM. */
 int status_loops_show(const struct status_loops *s, bool colour);
 /* Members "controllers" and "loops", two arrays. */

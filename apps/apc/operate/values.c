@@ -7,6 +7,7 @@
 #include "apc/common/past.h"
 #include "apc/common/print.h"
 #include "operate.h"
+#include "status_loops.h"
 
 /* ---- get ---------------------------------------------------------------------------------- */
 
@@ -25,15 +26,27 @@ static const struct cli_spec get_spec = {
     .options = get_options,
 };
 
-static void get_json(const struct cli_tags *tags, const struct apc_sample *samples, int n,
+/* Of a setpoint or an output: what stands between an entry and its effect. NULL: nothing, or it is neither. */
+static const struct entry_note *entry_of_sample(const struct status_loops *loops, const struct apc_sample *s)
+{
+    const bool may_be_set = s->table == APC_SETPOINT || s->table == APC_MANUAL || s->table == APC_ACTUATOR;
+    const struct loops *all = &loops->plant->loops;
+    const struct loops_loop *loop = may_be_set ? loops_of(all, s->table, s->id) : NULL;
+    return loop ? status_loops_entry(loops, (size_t)(loop - all->at)) : NULL;
+}
+
+static void get_json(const struct status_loops *loops, const struct apc_sample *samples, int n,
                      const struct past *past)
 {
+    const struct cli_tags *tags = &loops->plant->tags;
     struct text t = {.out = stdout};
     char author[APC_AUTHOR_LEN];
     json_add(&t, "[");
     for (int i = 0; i < n; i++) {
         json_add(&t, ",\n{");
         print_sample_members(&t, &samples[i], tags, apc_store_now(past->store));
+        json_add(&t, "entry:");
+        entry_note_json(entry_of_sample(loops, &samples[i]), &t);
         past_json(past, &t);
         if (past->is &&
             (samples[i].author == 0 || apc_store_author_name(past->store, samples[i].author, author) < 0))
@@ -53,13 +66,22 @@ static void get_csv(const struct apc_sample *samples, int n)
             print_sample_csv(stdout, &samples[i]);
 }
 
-static int get_text(const struct cli_tags *tags, const struct apc_sample *samples, int n, apc_ns now)
+/* @p named: they are asked for by name. */
+static int get_text(const struct status_loops *loops, const struct apc_sample *samples, int n, bool named)
 {
+    const struct cli_tags *tags = &loops->plant->tags;
+    char name[PRINT_LEN];
     struct print_table table;
     print_table_open(&table, print_sample_columns, 6);
     for (int i = 0; i < n; i++)
-        print_sample_cells(&table, tags, &samples[i], now, "");
-    return print_table_end(&table, stdout, cli_colour(), 0);
+        print_sample_cells(&table, tags, &samples[i], loops->now, "");
+    const int rc = print_table_end(&table, stdout, cli_colour(), 0);
+    for (int i = 0; i < n && named; i++) {
+        const struct entry_note *entry = entry_of_sample(loops, &samples[i]);
+        if (entry)
+            printf("%s: %s\n", print_name(tags, &samples[i], name), entry->text);
+    }
+    return rc;
 }
 
 int command_get(int argc, char **argv)
@@ -69,7 +91,9 @@ int command_get(int argc, char **argv)
                                            APC_TUNING, APC_DIM,      (enum apc_table)0};
     struct get_options options = {0};
     struct past past;
-    struct cli_tags tags = {0};
+    struct cli_plant plant = {0};
+    struct status_loops loops = {0};
+    struct timing timing = {0};
     struct apc_sample *samples = NULL;
     struct cli cli;
     int n = 0;
@@ -77,12 +101,14 @@ int command_get(int argc, char **argv)
     cli_parse(&cli, &get_spec, &options, argc, argv);
     int rc = past_open(&cli, options.at, &past);
     if (rc == 0)
-        rc = cli_tags_load(&cli, past.store, &tags);
+        rc = cli_plant_load(&cli, past.store, &plant);
     if (rc == 0)
-        rc = n = cli_variables(&cli, &tags, shown, &samples);
+        rc = n = cli_variables(&cli, &plant.tags, shown, &samples);
     if (rc < 0)
         goto out;
-    rc = apc_store_read(past.store, samples, (size_t)n);
+    rc = status_loops_load(&loops, past.store, &plant, &timing);
+    if (rc >= 0)
+        rc = apc_store_read(past.store, samples, (size_t)n);
     if (rc < 0)
         cli_store_error(&cli, rc, past.store);
     else
@@ -91,15 +117,16 @@ int command_get(int argc, char **argv)
         goto out;
     past_show(&past, &cli);
     if (cli.format == CLI_JSON)
-        get_json(&tags, samples, n, &past);
+        get_json(&loops, samples, n, &past);
     else if (cli.format == CLI_CSV)
         get_csv(samples, n);
-    else if ((rc = get_text(&tags, samples, n, apc_store_now(past.store))) < 0)
+    else if ((rc = get_text(&loops, samples, n, cli.n_args > 0)) < 0)
         cli_error(&cli, rc, "out of memory");
     past_note(&past, &cli);
 out:
     free(samples);
-    cli_tags_free(&tags);
+    status_loops_free(&loops);
+    cli_plant_free(&plant);
     past_close(&past);
     return cli_done(&cli, exit_code_of(rc));
 }

@@ -47,6 +47,8 @@ backup='the backup law acts: law moody: is in no mood'
 "$apc" tune mood=3 >/dev/null
 until_true 20 actual "\"actual\":\"Auto\",\"reason\":\"$backup"
 expect 0 "^mode +target Auto, actual Auto: $backup" "$apc" status
+expect 0 '^r: the backup law acts$' "$apc" get r
+expect 0 '"entry":{"code":"backup","text":"the backup law acts"}' "$apc" status --json
 until_true 20 said 2 "$backup"
 expect 0 'r: 5 -> 8 \(applied\)' "$apc" set r 8
 until_true 30 settled 8

@@ -116,6 +116,27 @@ static void why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts(vo
     assert_string_equal(control("reasons"), "{\"3\": \"what takes its output is not ready for it\"}");
 }
 
+/* Promise(modes/entry-note) */
+static void what_stands_between_an_entry_and_its_effect_is_told_of_its_loop(void **state)
+{
+    (void)state;
+    period(S, S);
+    all_came(0);
+    assert_string_equal(control("entries"), "{}");
+    now_of(APC_ACTUATOR, 1)->status = APC_GOOD_LIMITED_HIGH;
+    actual(2, APC_MODE_LO);
+    assert_string_equal(control("entries"),
+                        "{\"1\": {\"code\": \"high\", \"text\": \"the output is at its high limit\"}, "
+                        "\"2\": {\"code\": \"fault\", \"text\": \"the output is at its fault value\"}}");
+    ticked(0, 10 * S);
+    assert_non_null(strstr(control("entries"), "\"1\": {\"code\": \"stopped\""));
+    all_came(0);
+    actual(2, APC_MODE_AUTO);
+    an_event("apc-plant", "watchdog", APC_EVENT_ALARM, "no new command for 3 s: plant at its safe value");
+    assert_non_null(strstr(control("entries"), "\"2\": {\"code\": \"safe\""));
+    assert_null(strstr(control("entries"), "\"3\"")); /* into a setpoint */
+}
+
 /* Promise(server/stale-running) */
 static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **state)
 {
@@ -604,6 +625,7 @@ int main(void)
         T(a_controller_is_judged_by_its_own_ticks),
         T(out_of_service_writes_nothing_and_runs_all_the_same),
         T(why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts),
+        T(what_stands_between_an_entry_and_its_effect_is_told_of_its_loop),
         T(the_plant_at_its_safe_value_stands_until_it_takes_commands),
         T(of_an_external_plant_its_client_says_whether_it_is_commanded),
         T(ready_is_what_ticks),

@@ -15,6 +15,8 @@ export interface Modes {
   handsOff: string | null;
   /** Why a setpoint of somebody's would not stand; null: it would. */
   tracks: string | null;
+  /** What the loop follows instead of an entry, or what holds it back; null: nothing. */
+  entry: {setpoint: string | null; output: string | null};
   /** Who moves the setpoint now; null: it is Local. */
   remote: Mover | null;
 }
@@ -25,7 +27,10 @@ export interface Mover {
   cascade: boolean;
 }
 
-export const noModes = (): Modes => ({target: null, actual: null, lastKnown: false, why: null, handsOff: tr("mode.byHand"), tracks: null, remote: null});
+export const noModes = (): Modes => ({target: null, actual: null, lastKnown: false, why: null, handsOff: tr("mode.byHand"), tracks: null, entry: {setpoint: null, output: null}, remote: null});
+
+/** They matter to a setpoint only. */
+const OF_SETPOINT = new Set(["man", "shed", "low", "high", "both"]);
 
 const called = (mode: string | null): string => (mode == null ? tr("mode.none") : known("mode", mode));
 
@@ -46,13 +51,17 @@ export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, contro
   const [wanted, is] = [name(target), name(actual)];
   const notYet = wanted !== is && is != null ? tr("mode.notYet", {mode: called(wanted)}) : null;
   const stopped = control?.running[loop.controller] === false;
+  const note = control?.entries[loop.id];
+  const says = note ? known("note", note.code, note.text) : null;
+  const tracks = loop.above != null && is === "Man" ? tr("mode.tracks") : null;
   return {
     target: wanted,
     actual: is,
     lastKnown: stopped,
     why: stopped ? notRunning([loop.controller], p) : (control?.reasons[loop.id] ?? notYet),
     handsOff: is === "Man" && wanted === "Man" ? null : is == null || wanted === is || wanted === "Man" ? tr("mode.byHand") : tr("mode.changeFirst", {mode: called(wanted)}),
-    tracks: loop.above != null && is === "Man" ? tr("mode.tracks") : null,
+    tracks,
+    entry: {setpoint: tracks ? null : says, output: note && OF_SETPOINT.has(note.code) ? null : says},
     remote: moverOf(loop, p, wanted, owner),
   };
 }

@@ -35,9 +35,9 @@ export function tr<K extends Key>(key: K, ...filling: Filling<K>): string {
   return of ? plain(key).replace(/\{(\w+)\}/g, (_, name: string) => String(of[name])) : plain(key);
 }
 
-/** A word of the server's that the page has in this language; else as it comes. */
-export function known(group: string, word: string): string {
-  return (texts[spoken] as Record<string, string>)[`${group}.${word}`] ?? word;
+/** A word of the server's that the page has in this language; else as it comes, or `instead`. */
+export function known(group: string, word: string, instead = word): string {
+  return (texts[spoken] as Record<string, string>)[`${group}.${word}`] ?? instead;
 }
 
 /** What goes into a file is read by programs: it is the same in each language. */

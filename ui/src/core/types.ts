@@ -134,6 +134,7 @@ export interface StoreState {
 export interface Control {
   running: Record<string, boolean | null>; // by controller
   reasons: Record<string, string>; // by loop
+  entries: Record<string, {code: string; text: string}>; // by loop: what stands between an entry and its effect
   shadow: string[]; // controllers that go along and move nothing
   safe: boolean | null;
   safe_since: number | null;

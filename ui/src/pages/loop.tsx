@@ -53,7 +53,7 @@ function Choice({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
 export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; close?: () => void}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
-  const {handsOff, tracks, remote} = useCell(modesOfLoop(loop));
+  const {handsOff, tracks, entry, remote} = useCell(modesOfLoop(loop));
   useCell(control); // who is in shadow
   const setpoint = variable(loop.setpoint);
   const output = variable(loop.output);
@@ -124,7 +124,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <ModeSwitch loop={loop} />
           <h2>{tr("loop.setpoint")}{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? tr("loop.remote", {mover: remote.name}) : tr("loop.local")}</small>}</h2>
           {loop.setpoint ? (
-            <Entry of={loop.setpoint} kind="setpoint" label={tr("loop.spOf", {name: setpoint?.name ?? ""})} low={setpoint?.low} high={setpoint?.high} blocked={tracks} remote={remote} />
+            <Entry of={loop.setpoint} kind="setpoint" label={tr("loop.spOf", {name: setpoint?.name ?? ""})} low={setpoint?.low} high={setpoint?.high} blocked={tracks} note={entry.setpoint} remote={remote} />
           ) : (
             <p class="say">{tr("loop.noSetpoint")}</p>
           )}
@@ -139,6 +139,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
               low={output?.low}
               high={output?.high}
               blocked={handsOff}
+              note={entry.output}
             />
           )}
           <Reason />

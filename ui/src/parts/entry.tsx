@@ -22,10 +22,11 @@ interface Props {
   low?: number | null;
   high?: number | null;
   blocked?: string | null; // why not, beyond what bars every write
+  note?: string | null; // what stands between it and its effect
   remote?: Mover | null; // who moves it; where that is a loop, what was seen of it is no condition
 }
 
-export function Entry({of, kind, label, shown = of, low = null, high = null, blocked = null, remote = null}: Props): JSX.Element {
+export function Entry({of, kind, label, shown = of, low = null, high = null, blocked = null, note = null, remote = null}: Props): JSX.Element {
   const one = variable(of);
   const now = useCell(live(of));
   const from = useCell(live(shown));
@@ -83,7 +84,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           disabled={barred != null}
           readOnly={view?.phase === "pending"}
           aria-invalid={complaint != null}
-          aria-describedby={`${id}-say`}
+          aria-describedby={`${id}-say${note ? ` ${id}-note` : ""}`}
           value={draft ? draft.text : from.value == null ? "" : said(from.value)}
           title={from.value == null ? undefined : exact(from.value)}
           onFocus={event => event.currentTarget.select()}
@@ -121,6 +122,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           <span>{remote ? tr("entry.remote", {limits: limitsText(low, high), mover: remote.name}) : limitsText(low, high)}</span>
         )}
       </div>
+      {note && <div id={`${id}-note`} class="say">{note}</div>}
       <WriteStatus of={name} retry={view?.confirm && draft ? () => apply(draft.seq, true) : over} />
     </form>
   );
