@@ -64,7 +64,7 @@ ln -s experiments/four-tank.conf .
   typed docs/simulate.md 'apc simulate'
   typed docs/tuning.md 'apc optimize'
   echo 'cd experiments'
-  typed docs/gallery.md 'apc optimize' # where the numbers of its laws come from
+  sed -n '/^#   apc optimize/,/[^\\]$/s/^#  *//p' "$APC_SOURCE_DIR"/experiments/*.conf # where their numbers come from
 } | sed -E 's/--runs [0-9]+/--runs 2/; s/ --budget [0-9]+//; s/^apc optimize [^ ]+/& --budget 60/; s/10\.0\.0\.7/127.0.0.1/' >"$work/all"
 [ "$(grep -c '^apc' "$work/all")" -ge 18 ] || fail "only these are typed: $(cat "$work/all")"
 SLURM_ARRAY_TASK_ID=1 bash -e "$work/all" >"$work/all.log" 2>&1 || fail "a command is not taken: $(tail -n 5 "$work/all.log")"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The history checker: rejects histories that must not be, and finds nothing in those of the stores while their writers
-# and their server are killed. APC_KILLS=100 is the long run (docs/stores.md); APC_SEED repeats one.
+# and their server are killed. APC_KILLS=100 is the long run (tests/reports/outages.md); APC_SEED repeats one.
 # Promise(stores/acknowledged-survives): What was acknowledged survives kills of writers and of the server; nothing
 #   is doubled or torn.
-# Types(docs/stores.md): APC_KILLS=
+# Types(tests/reports/outages.md): APC_KILLS=
 # shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-checker.XXXXXX)

@@ -2,11 +2,11 @@
 # Control outlives the database: a loop in shared memory whose history is stopped, hangs, is locked, and has no room left on
 # its disk. Nothing of it reaches the loop: it does what its twin in virtual time does, bit for bit, commands and measurements
 # alike, and people go on reading and writing. Afterwards the history has each row once, and in order.
-# APC_OUTAGE=900 (docs/stores.md) makes each outage last so many seconds; by default it lasts until it is noticed. APC_OUTAGES names which, and
+# APC_OUTAGE=900 (tests/reports/outages.md) makes each outage last so many seconds; by default it lasts until it is noticed. APC_OUTAGES names which, and
 # APC_OUTAGE_OUT a folder for the history of it all and its figure.
 # Promise(run/history-own-loop): With a history of its own the loop outlives its database, and its record is whole
 #   afterwards, at the end of the run too.
-# Types(docs/stores.md): APC_OUTAGE=900
+# Types(tests/reports/outages.md): APC_OUTAGE=900
 # shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
   data=$(mktemp -d /tmp/apc-outages.XXXXXX)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Store and forward: the database is killed during `apc run`, the client too, and nothing that was measured is lost.
-# APC_OUTAGE=600 (docs/stores.md) makes the outage last so many seconds; by default it lasts until enough is waiting.
-# Types(docs/stores.md): apc status --spool, APC_OUTAGE=600
+# APC_OUTAGE=600 (tests/reports/outages.md) makes the outage last so many seconds; by default it lasts until enough is waiting.
+# Types(docs/stores.md): apc status --spool
+# Types(tests/reports/outages.md): APC_OUTAGE=600
 # shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-spool.XXXXXX)
