@@ -31,6 +31,7 @@ import {AlarmLine} from "./parts/alarmline";
 import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
+import {OpenWhy} from "./why";
 
 /** The trend of chosen signals that was shown last: what is dropped on its tab comes into that one. */
 let gathered: string | null = null;
@@ -114,6 +115,7 @@ function Whole(): JSX.Element {
         {page === "plants" && <PlantsPage />}
       </main>
       <OpenFaceplate />
+      <OpenWhy />
       {help && <Help close={() => setHelp(false)} />}
       {out && <Login />}
     </div>

@@ -76,6 +76,15 @@ for (const colorScheme of ["light", "dark"])
       await page.locator('input[name="setpoint.1"]').fill("1000");
       await page.locator('[aria-invalid="true"]').waitFor();
       assert.deepEqual(await violations(page, colorScheme), [], "a write that failed, an entry that is refused");
+      for (const [found, unexplained] of [["tbody tr", false], [".complaint", true]]) {
+        fake.unexplained = unexplained;
+        await page.locator(".faceplate .why-button").click();
+        await page.locator(`dialog ${found}`).first().waitFor();
+        assert.deepEqual(await violations(page, colorScheme), [], `why, ${found}`);
+        assert.equal(await page.evaluate(() => [document.documentElement, document.querySelector("dialog")].every(one => one.scrollWidth <= one.clientWidth)), true, "why sticks out");
+        await page.keyboard.press("Escape");
+        await page.getByRole("dialog").waitFor({state: "detached"});
+      }
       Object.assign(fake, {failed: fake.now - 60, stopped: true});
       await page.locator(".safe-bar").waitFor();
       await page.locator(".silent-bar").waitFor();

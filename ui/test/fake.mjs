@@ -68,6 +68,7 @@ export class Fake {
   more = 0; // so many measurements beside the loop
   alarms = []; // how they stand
   away = false; // the database
+  unexplained = false; // no move can be computed again
   mute = false; // nothing that is asked is answered
   gone = false; // whoever comes is shown the door; leave() throws out who is inside
   value = t => 1 + 0.3 * Math.sin(t / 20);
@@ -158,6 +159,13 @@ export class Fake {
   #predictions() {
     const course = (ref, name, of) => ({ref, name, made: this.now - 0.5, first: 1, step: 1, expected: Array.from({length: 30}, (_, k) => of(this.now + k)), came: Array(30).fill(null)});
     return {t: this.now, at: this.now, predictions: this.predicts ? [course("sensor.1", "y", this.value), course("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
+  }
+
+  /** Causes of each kind, some without effect. */
+  #why() {
+    const kinds = ["setpoint", "measurement", "disturbance", "tuning", "mode", "manual output", "loop below", "loop above", "promoted", "law"];
+    const cause = (kind, i) => ({input: `${this.names ?? ""}x${i}`, kind, unit: this.texts ?? "m", before: kind === "law" ? null : i % 3, now: kind === "law" ? null : 1, status_before: "Good", status: kind === "measurement" ? "BadSensorFailure" : "Good", written: this.now - 9, author: kind === "measurement" ? null : "anna", event: kind === "setpoint" ? "x0: 0 -> 1 (reason: the tank is too full)" : null, effect: i < 8 ? 1 - 0.3 * i : 0});
+    return {output: "u", controller: "controller", unit: this.texts ?? "V", from: this.now - 60, time: this.now, before: 4, now: 10, state_before: "Auto", state: "held", reason: "y is Bad", low: -10, high: 10, earlier: 0.5, together: -0.000123, inputs: kinds.map(cause)};
   }
 
   /** One of each kind and severity. */
@@ -267,6 +275,8 @@ export class Fake {
         return json(this.#predictions());
       case "/api/writes":
         return json({writes: []});
+      case "/api/why":
+        return this.unexplained ? json({error: {code: "replay", message: "u: rows of its ticks were removed"}}, 422) : json({t: this.now, ...this.#why(), above: {...this.#why(), output: "upper.r", above: {output: "top", error: "it was started anew"}}});
       case "/api/events":
         return json({t: this.now, events: this.records ? this.#events() : [], more: false});
       case "/api/alarms/journal":

@@ -89,6 +89,14 @@ for (const width of [1280, 400])
     await page.keyboard.press("Escape");
 
     await page.evaluate(() => (location.hash = "loop"));
+    for (const [found, unexplained] of [["tbody tr", false], [".complaint", true]]) {
+      fake.unexplained = unexplained;
+      await page.getByRole("button", {name: "Warum? u"}).click();
+      await page.locator(`dialog ${found}`).first().waitFor();
+      await look(`why, ${found}`);
+      await page.keyboard.press("Escape");
+      await page.getByRole("dialog").waitFor({state: "detached"});
+    }
     await page.locator('input[name="setpoint.1"]').fill("1");
     await page.keyboard.press("Enter");
     await page.locator(".phase.failed").waitFor();

@@ -81,6 +81,32 @@ test("tuning goes as one transaction, old and new are shown, and it is applied",
     assert.equal(await field("Kp").inputValue(), "0.25");
   }));
 
+// Promise(page/page-why)
+test("Why? names the setpoint that was moved first, and who moved it", () =>
+  withPage("loop", {}, async page => {
+    await setpoint(page).fill("16");
+    await setpoint(page).press("Enter");
+    await applied(page, "setpoint.1");
+    const ask = page.locator(".faceplate .why-button");
+    await ask.focus();
+    await page.keyboard.press("Enter");
+    const answer = page.getByRole("dialog", {name: "Why did u move?"});
+    await answer.locator("select").selectOption("10");
+    const first = answer.locator("tbody tr").first();
+    await until("r is named first", async () => /^r setpoint.*local: r: 12 → 16.*12.*16/.test(await first.textContent()));
+    await page.keyboard.press("Escape");
+    await until("it is closed", async () => (await answer.count()) === 0);
+    assert.equal(await ask.evaluate(one => one === document.activeElement), true, "the focus is not given back");
+
+    // From the list of events, the very tick that took it.
+    await page.getByRole("link", {name: "Events"}).click();
+    await page.getByRole("button", {name: /^Why\? r: 12 -> 16/}).click();
+    await answer.locator("select").selectOption("0");
+    await until("r alone moved it", async () => /^r setpoint.*12.*16/.test(await first.textContent()) && /over.*one tick/.test(await answer.textContent()));
+    await answer.getByRole("button", {name: "Close"}).click();
+    await until("it is closed", async () => (await answer.count()) === 0);
+  }));
+
 test("an entry does not fight the readback, and a change by somebody else is not overwritten unseen", () =>
   withPage("loop", {}, async page => {
     await setpoint(page).fill("11");
@@ -112,7 +138,7 @@ test("a great step is confirmed by keyboard, and not by a second Enter", () =>
       await setpoint(page).press("Enter");
       await until(`it is refused${again ? " again" : ""}`, async () => (await phase(page, "setpoint.1")) === "failed");
     }
-    assert.match(await page.locator('[data-slot="setpoint.1"]').textContent(), /r: 11 -> -15 is a step of more than 20, which has to be confirmed/);
+    await until("it says why", async () => /r: 11 -> -15 is a step of more than 20, which has to be confirmed/.test(await page.locator('[data-slot="setpoint.1"]').textContent()));
     assert.equal(await shown(page, "setpoint.1"), 11);
     for (let i = 0; i < 3; i++) await page.keyboard.press("Tab");
     assert.equal(await page.locator(":focus").textContent(), "Confirm the step");

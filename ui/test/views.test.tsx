@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import {beforeEach, test} from "node:test";
 import {options, render} from "preact";
+import {clock} from "../src/core/format";
 import type {Sample} from "../src/core/types";
 import {FakeEnv} from "./env";
 import {alarmed, cascade, plant as tanks, predicted, stands, Server, shadowed, START} from "./plant";
@@ -683,6 +684,66 @@ test("events: newest first, with a mark; those that come are filtered as the ser
   env.routes.set("/api/events", route);
 });
 
+const cause = (input: string, kind: string, before: number | null, now: number | null, effect: number, rest: object = {}) => ({input, kind, unit: "m", before, now, status_before: "Good", status: "Good", written: null, author: null, event: null, effect, ...rest});
+
+// Promise(page/page-why): *Why?* beside an output, or an event that may have moved one, tells the causes by their effect, who wrote,
+//   what the loop above did, and what cannot be computed again.
+test("why an output moved: the causes by their effect, who wrote, and the loop above", async () => {
+  await show("loop/1");
+  await click(button("Why? u1"));
+  assert.equal(said("dialog h2"), "Why did u1 move?");
+  assert.match(said("dialog"), /the record is computed again …/);
+  await env.pass(0.5);
+  const {query, answer} = env.take("/api/why");
+  assert.deepEqual(query, {output: "u1", over: "60"});
+  const move = {output: "u1", controller: "base", unit: "V", from: START - 60, time: START, before: 2, now: 10, state_before: "Auto", state: "Auto", reason: null, low: -10, high: 10, earlier: 1, together: 1e-15, inputs: []};
+  answer({...move, t: START, state: "held", reason: "y1 is Bad", above: {output: "top", error: "it was started anew"}, inputs: [
+    cause("r1", "setpoint", 7.08195099547749, 6.5, 5, {written: START - 9, author: "anna", event: "r1: 7.08195099547749 -> 6.5 (typed)"}),
+    cause("y1", "measurement", 7, 7.125, 1.5, {written: START - 1, status: "BadSensorFailure"}),
+    cause("u1", "mode", 0, 1, 0.5, {written: START - 3, author: "anna"}),
+    cause("Kp", "tuning", 0.2, 0.3, 0),
+  ]});
+  await settle();
+  assert.match(said(".why-move"), /^2\.000 → 10\.000 V /);
+  assert.match(said("dialog"), /Auto → held: y1 is Bad, at output high limit/);
+  assert.deepEqual([...document.querySelectorAll("dialog tbody tr")].map(row => [...row.querySelectorAll("th, td")].map(cell => cell.textContent?.trim()).join("; ")), [
+    `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.082; 6.5; +5.000; 63 %`,
+    "y1 measurement; 7.000; 7.125 sensor failure; +1.500; 19 %",
+    `u1 mode${clock(START - 3)}, anna; Man; Auto; +0.5000; 6 %`,
+    "earlier what the loop goes on with by itself; ; ; +1.000; 13 %",
+  ]);
+  assert.match(said("dialog"), /Changed without effect: Kp \(tuning\)/);
+  assert.match(said("dialog"), /top above it cannot be explained: it was started anew/);
+  await choose("dialog select", "0");
+  await env.pass(0.5);
+  const again = env.take("/api/why");
+  assert.equal(again.query.over, "0");
+  again.answer({...move, t: START, now: 2, earlier: 0, together: 0});
+  await settle();
+  assert.match(said("dialog"), /No input changed, and the output stood\./);
+  await choose("dialog select", "600");
+  await env.pass(0.5);
+  env.take("/api/why").answer({error: {code: "replay", message: "base was started anew"}}, 422);
+  await settle();
+  assert.equal(said("dialog .complaint"), "base was started anew");
+  await show("overview");
+  assert.equal(document.querySelectorAll("dialog").length, 0);
+});
+
+test("why, of an event: of the loop that it names, from then on", async () => {
+  const route = env.routes.get("/api/events")!;
+  const at = server.now - 300;
+  env.routes.set("/api/events", asked => asked.answer({t: server.now, events: [event(at, 1, "r2: 5 -> 6"), event(at, 1, "u1: Auto -> Man", "mode"), event(at, 1, "u2.Kp: 1 -> 2"), event(at, 1, "r2 taken Local, the scheduler stands aside"), event(at, 1, "r2: connected", "link"), event(at, 1, "r9: 1 -> 2")], more: false}));
+  await show("events");
+  await env.pass(0.2);
+  await settle();
+  assert.deepEqual([...document.querySelectorAll(".why-button")].map(one => one.getAttribute("aria-label")), ["Why? r2 taken Local, the scheduler stands aside", "Why? u2.Kp: 1 -> 2", "Why? u1: Auto -> Man", "Why? r2: 5 -> 6"]);
+  await click(button("Why? r2: 5 -> 6"));
+  await env.pass(0.5);
+  assert.deepEqual(env.take("/api/why").query, {output: "u2", over: "60", at: String(at + 60)});
+  env.routes.set("/api/events", route);
+});
+
 test("diagnostics: tasks, links, database, stream, signals", async () => {
   const figures = {count: 3, mean: 0.001, p50: 0.001, p99: 0.002, max: 0.003};
   const more: object[] = [];
@@ -1225,7 +1286,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   await settle();
   assert.match(said(".prediction .toolbar .say"), /^base: no plan since /);
   env.routes.set("/api/predictions", each => each.answer({error: {code: "store", message: "the database is away"}}, 503));
-  await env.pass(2.5);
+  await env.pass(3.5); // older than three periods
   await settle();
   assert.equal(said(".prediction .complaint"), "the database is away");
   const old = [...document.querySelectorAll(".prediction .panel .value.stale")].map(each => each.textContent?.replace(/\s+/g, " ") ?? "");
@@ -1380,7 +1441,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   assert.match(said("table.data thead"), /^time y1 \[m\] r1 \[m\] u1 \[V\] trial.u1.output \[V\]$/);
   assert.equal(await trend(2), "current y2 5.000 r2 5 u2 2.000");
   await show("loop/1");
-  assert.match(said(".faceplate"), /OUT u1 .* 1.500 V SHADOW trial.u1.output .* 1.250 V/);
+  assert.match(said(".faceplate"), /OUT u1 .* 1.500 V Why\? SHADOW trial.u1.output .* 1.250 V/);
   await show("loop/3");
   assert.match(said(".toolbar"), /^trial.u1 level In shadow: trial moves nothing/);
   server.control = {...server.control, shadow: ["base"]};

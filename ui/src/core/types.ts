@@ -278,6 +278,46 @@ export interface Diagnostics {
   stream: {clients: number; messages: number; dropped: number; lag: Figures};
 }
 
+/** What changed at an input of a controller, and what of the output's move is its own. */
+export interface Cause {
+  input: string;
+  kind: string;
+  unit: string;
+  before: number | null;
+  now: number | null;
+  status_before: string;
+  status: string;
+  written: number | null;
+  author: string | null;
+  event: string | null;
+  effect: number | null;
+}
+
+export interface Why {
+  output: string;
+  controller: string;
+  unit: string | null;
+  from: number;
+  time: number;
+  before: number | null;
+  now: number | null;
+  state_before: string;
+  state: string;
+  reason: string | null;
+  low: number | null;
+  high: number | null;
+  earlier: number | null;
+  together: number | null;
+  inputs: Cause[];
+  above?: Why | Unexplained;
+}
+
+/** A loop above whose move could not be replayed. */
+export interface Unexplained {
+  output: string;
+  error: string;
+}
+
 export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "undo" | "ack" | "shelve" | "service";
 
 export interface Write {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
-import {useEffect, useState} from "preact/hooks";
+import {useEffect, useMemo, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {downloadText} from "../download";
@@ -10,8 +10,10 @@ import {hole, merge, matches, type Filter} from "../core/eventlist";
 import {events, plant, refill, serverNow} from "../core/model";
 import {EventShape} from "../parts/eventshape";
 import {Note} from "../parts/shape";
-import type {PlantEvent} from "../core/types";
+import type {Loop, PlantEvent} from "../core/types";
 import {inEnglish, known, tr} from "../core/texts";
+import {loopOf, moved} from "../core/why";
+import {WhyButton} from "../why";
 
 const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
 const SINCE = [
@@ -29,6 +31,7 @@ export function EventsPage(): JSX.Element {
   const streamed = useCell(events);
   const filled = useCell(refill);
   const p = useCell(plant);
+  const loops = useMemo(() => (p ? moved(p) : new Map<string, Loop>()), [p]);
 
   useEffect(() => {
     let wanted = true;
@@ -120,7 +123,7 @@ export function EventsPage(): JSX.Element {
                 </td>
                 <td data-label={tr("common.kind")}>{known("events.kind", one.kind)}</td>
                 <td data-label={tr("common.source")}>{one.source}</td>
-                <td class="wide" data-label={tr("common.message")}>{one.text}</td>
+                <td class="wide" data-label={tr("common.message")}>{one.text} <WhyButton loop={loopOf(one, loops)} after={one.time} of={one.text} /></td>
               </tr>,
             ]).reverse()}
           </tbody>

@@ -26,6 +26,7 @@ import {go, path} from "../router";
 import type {Loop, Plant, PlantEvent, Ref} from "../core/types";
 import {known, tr} from "../core/texts";
 import {rich} from "../rich";
+import {WhyButton} from "../why";
 
 export function LoopPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
@@ -102,6 +103,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
               <Bar label={tr("overview.out")} value={loop.output} scale={out} ends />
               <Value of={loop.output} unit />
               <AtLimit of={loop.output} />
+              <WhyButton loop={loop} of={output?.name ?? loop.called} />
             </div>
           )}
           {wouldBe(loop, p).map(ref => (

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Why an output moved: what is asked of the server, and what its answer says to people.
+import {exact, missing, number, written} from "./format";
+import {words, worth} from "./quality";
+import type {Cause, Loop, Plant, PlantEvent, Why} from "./types";
+import {known} from "./texts";
+
+/** Of one loop: the newest move, or that which followed an event. */
+export interface Question {
+  loop: Loop;
+  after: number | null;
+}
+
+export const SPANS = [0, 10, 60, 600, 3600]; // s; 0: one tick
+const USUAL = [60, 600, 3600];
+
+/** So long that there are ticks in it. */
+export function spanOf(period: number | null): number {
+  return USUAL.find(one => one >= 2 * (period ?? 0)) ?? 3600;
+}
+
+/** The move after an event ends a span later, and not before the tick that it could reach. */
+export function query({loop, after}: Question, span: number, period: number | null): Record<string, string | number | null> {
+  return {output: loop.called, over: span, at: after == null ? null : after + Math.max(span, period ?? 0)};
+}
+
+/** By the first word of an event: the loop whose output moves by it. */
+export function moved({loops, variables}: Plant): Map<string, Loop> {
+  const names = new Map(variables.map(one => [one.ref, one.name]));
+  const all = new Map<string, Loop>();
+  for (const loop of loops.filter(one => one.output))
+    for (const name of [loop.called, ...[loop.setpoint, loop.manual, loop.mode.target, loop.owner, ...loop.tuning].map(ref => names.get(ref ?? ""))])
+      if (name && !all.has(name)) all.set(name, loop);
+  return all;
+}
+
+/** Whose output an event of an operator, or of a mode, may have moved. */
+export function loopOf({kind, text}: PlantEvent, loops: Map<string, Loop>): Loop | undefined {
+  return kind === "operator" || kind === "mode" ? loops.get(/^[^:\s]*/.exec(text)?.[0] ?? "") : undefined;
+}
+
+/** Which limit it is at. */
+export function limitOf({now, low, high}: Why): "loop.atHigh" | "loop.atLow" | null {
+  if (now == null) return null;
+  return high != null && now >= high ? "loop.atHigh" : low != null && now <= low ? "loop.atLow" : null;
+}
+
+export function stateWord(state: string): string {
+  const word = known("why.state", state);
+  return word === state ? known("mode", state) : word;
+}
+
+/** Before or now: a number, a mode by its name, a status where it is not Good. */
+export function told(cause: Cause, which: "before" | "now", p: Plant): string {
+  const value = cause[which];
+  const status = which === "now" ? cause.status : cause.status_before;
+  const mode = cause.kind === "mode" && value != null ? p.modes[value] : undefined;
+  const text = mode ? known("mode", mode) : value == null ? "" : cause.written != null && cause.kind !== "measurement" ? written(value) : number(value);
+  return worth(status) === "good" || text === "" ? text : `${text} ${words(status)}`;
+}
+
+export interface Part {
+  effect: number;
+  share: number | null; // of the whole move
+}
+
+/** What is left of rounding is no part. */
+export function part(effect: number | null, {before, now}: Why): Part | null {
+  const size = Math.abs(now ?? 0) + Math.abs(before ?? 0);
+  if (effect == null || Math.abs(effect) <= 1e-12 * size) return null;
+  const move = (now ?? 0) - (before ?? 0);
+  return {effect, share: move === 0 ? null : effect / move};
+}
+
+/** With its sign and four digits. */
+export function effectText(effect: number): string {
+  const size = Math.abs(effect);
+  return `${effect > 0 ? "+" : ""}${size >= 1e-3 && size < 1e5 ? number(effect, Math.max(0, 3 - Math.floor(Math.log10(size)))) : exact(Number(effect.toPrecision(3)))}`;
+}
+
+export const shareText = (share: number | null): string => (share == null ? missing : `${number(100 * share, 0)} %`);
