@@ -14,11 +14,15 @@
 extern "C" {
 #endif
 
-#define APC_MODEL_ABI 2u
+#define APC_MODEL_ABI 3u /**< 2 had no algebraic variables; its models still work */
 
 /**
  * x' = f(t, x, u, p), y = g(t, x, u, p). Functions are pure; f returns 0, or nonzero where undefined.
  * Time is in seconds. u holds the nu manipulated inputs and after them the nd disturbances: [nu + nd].
+ *
+ * A differential-algebraic model has also nz algebraic variables z, and as many equations that they solve at
+ * all times, 0 = residual(t, x, u, p). For its three functions x holds the nx states and after them z:
+ * [nx + nz]. Its index must be 1: at given states the equations determine z (d residual/d z is regular).
  *
  * The tables name the variables; each may be NULL: then they are unnamed, unlimited, and start at zero.
  */
@@ -33,6 +37,11 @@ struct apc_model {
     const struct apc_param *output;      /**< [ny] name, unit, description only */
     int (*f)(double t, const double *x, const double *u, const double *p, double *dx);
     void (*g)(double t, const double *x, const double *u, const double *p, double *y);
+    size_t nz; /**< from here on ABI 3 */
+    const struct apc_param
+        *algebraic; /**< [nz] initial: from where it is solved; range: where it is sought */
+    /** To @p r [nz]; returns as f does. NULL without algebraic variables. */
+    int (*residual)(double t, const double *x, const double *u, const double *p, double *r);
 };
 
 /** The model of a shared object, which defines it. Declared so that it is exported from C++ as well. */
@@ -91,6 +100,11 @@ APC_API extern const struct apc_model apc_model_first_order;
 
 /* ---- Linear models ------------------------------------------------------------------------ */
 
+/*
+ * Of a model with algebraic variables: its linear model is that of the states alone, reduced by the equations'
+ * Jacobians. The equations are solved from the variables' initial values.
+ */
+
 /**
  * Jacobians at t = 0, @p x [nx] and @p u [nu + nd], by central differences of fourth order: relative errors
  * of 1e-9 and less where f and g are smooth. Row-major; column k of B and D is input k, the disturbances
@@ -120,10 +134,10 @@ struct apc_plant_options {
     /**
      * "cvode" (the default: BDF of variable order and step, for anything, stiff too), "adams" (CVODE as
      * well, for what is not stiff), "rk4" (fixed steps, no control of the error), "exact" (linear models
-     * only). docs/plants.md says when to choose which.
+     * only). docs/plants.md says when to choose which. A model with algebraic variables has "ida" alone.
      */
     const char *integrator;
-    double rtol, atol; /**< of cvode and adams; default 1e-8, 1e-10 */
+    double rtol, atol; /**< of cvode, adams and ida; default 1e-8, 1e-10 */
     unsigned steps;    /**< of rk4: how many in each interval; default 10 */
     /**
      * s by which the manipulated inputs act later, exactly (the state is advanced from one delayed change of
@@ -148,7 +162,7 @@ struct apc_plant;
 /**
  * @p p [np] and @p x0 [nx] are copied; NULL takes the model's own. [setup] Returns 0, APC_EINVAL (a
  * parameter or state outside its range, a model without functions, an unknown integrator, a nonlinear model
- * for "exact"), APC_ENOMEM, APC_ESOLVER.
+ * for "exact"), APC_ENOMEM, APC_ESOLVER (also where the algebraic equations have no solution at the start).
  */
 APC_API int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, const double *p,
                              const double *x0, const struct apc_plant_options *options,
@@ -169,12 +183,13 @@ APC_API int apc_plant_advance(struct apc_plant *plant, double dt, const double *
 APC_API int apc_plant_disturb(struct apc_plant *plant, size_t k, double value);
 /** Add to state @p k, from 0, and keep it within its range. Returns 0 or APC_EINVAL, as above. [tick] */
 APC_API int apc_plant_kick(struct apc_plant *plant, size_t k, double by);
-/** y [ny] of the present state; @p u [nu] as it is, without dead time. Uses memory of the plant's: by one
- * thread at a time, as all else. [tick] */
+/** y [ny] of the present state; @p u [nu] as it is, without dead time. NaN where the algebraic equations have
+ * no solution. Uses memory of the plant's: by one thread at a time, as all else. [tick] */
 APC_API void apc_plant_output(struct apc_plant *plant, const double *u, double *y);
-APC_API const double *apc_plant_state(const struct apc_plant *plant); /**< [nx], the plant's own. [tick] */
-APC_API double apc_plant_time(const struct apc_plant *plant);         /**< s since it was made. [tick] */
-APC_API const char *apc_plant_error(const struct apc_plant *plant);   /**< last failure, "" if none. [tick] */
+APC_API const double *
+apc_plant_state(const struct apc_plant *plant);                     /**< [nx + nz], the plant's own. [tick] */
+APC_API double apc_plant_time(const struct apc_plant *plant);       /**< s since it was made. [tick] */
+APC_API const char *apc_plant_error(const struct apc_plant *plant); /**< last failure, "" if none. [tick] */
 
 #ifdef __cplusplus
 }

@@ -106,6 +106,48 @@ int apc_matrix_solve(size_t n, size_t m, double *A, double *B)
     return 0;
 }
 
+int apc_matrix_factor(size_t n, double *A, size_t *pivot)
+{
+    for (size_t k = 0; k < n; k++) {
+        size_t best = k;
+
+        for (size_t i = k + 1; i < n; i++) {
+            if (fabs(A[i * n + k]) > fabs(A[best * n + k]))
+                best = i;
+        }
+        pivot[k] = best;
+        if (!(fabs(A[best * n + k]) >= DBL_MIN))
+            return -1;
+        swap_rows(A, n, k, best);
+        for (size_t i = k + 1; i < n; i++) {
+            double factor = A[i * n + k] /= A[k * n + k];
+
+            for (size_t l = k + 1; l < n; l++)
+                A[i * n + l] -= factor * A[k * n + l];
+        }
+    }
+    return 0;
+}
+
+void apc_matrix_substitute(size_t n, const double *A, const size_t *pivot, double *v)
+{
+    for (size_t k = 0; k < n; k++) {
+        double swap = v[pivot[k]];
+
+        v[pivot[k]] = v[k];
+        v[k] = swap;
+    }
+    for (size_t i = 0; i < n; i++) {
+        for (size_t k = 0; k < i; k++)
+            v[i] -= A[i * n + k] * v[k];
+    }
+    for (size_t i = n; i-- > 0;) {
+        for (size_t k = i + 1; k < n; k++)
+            v[i] -= A[i * n + k] * v[k];
+        v[i] /= A[i * n + i];
+    }
+}
+
 double apc_matrix_norm(size_t n, const double *M)
 {
     double norm = 0.0;

@@ -25,6 +25,11 @@ void apc_matrix_put(double *M, size_t width, size_t r, size_t c, size_t rows, si
                     const double *block);
 /* X [n * m] = A^-1 B, in place of B; A is destroyed. Returns 0, or nonzero where A is singular. */
 int apc_matrix_solve(size_t n, size_t m, double *A, double *B);
+/* A [n * n] becomes its LU decomposition, rows exchanged for the largest pivot: by pivot [n]. Returns 0, or
+ * nonzero where a pivot is as good as zero. */
+int apc_matrix_factor(size_t n, double *A, size_t *pivot);
+/* v = A^-1 v, with the A and pivot of apc_matrix_factor(). */
+void apc_matrix_substitute(size_t n, const double *A, const size_t *pivot, double *v);
 /* M [rows * columns] = Q R: M becomes R, Q is [rows * rows]; work [rows]. Returns 0, or nonzero where the
  * columns are not independent. */
 int apc_matrix_decompose(size_t rows, size_t columns, double *M, double *Q, double *work);

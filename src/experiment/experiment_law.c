@@ -215,11 +215,12 @@ static void linearize_law_model(struct settings *s, const config_setting_t *at, 
     int rc = apc_model_equilibrium(m, c->believed, u, x, &why);
     if (rc == 0)
         rc = apc_model_linearize(m, c->believed, x, u, A, B_all, C, D_all, &why);
+    if (rc == 0)
+        rc = apc_model_evaluate(m, c->believed, x, u, NULL, y, &why);
     if (rc < 0) {
         settings_fail(s, at, "%s", why.text);
         return;
     }
-    m->g(0, x, u, c->believed, y);
     take_law_columns(c, nx, B_all, all, nu, B);
     take_law_columns(c, ny, D_all, all, nu, D);
     take_law_columns(c, 1, u, all, nu, u0);

@@ -231,11 +231,13 @@ static int fmu_plant_create(void **self, const struct apc_model *model, const do
     return rc;
 }
 
-static void fmu_plant_start(void *self, double *x)
+static int fmu_plant_start(void *self, const double *u, double *x, struct apc_error *why)
 {
     const struct runner *const r = self;
 
+    (void)u, (void)why;
     memcpy(x, r->y, r->fmu->model.ny * sizeof(*x));
+    return 0;
 }
 
 /* Is there one that can be asked? What it was late with is taken, if it has come. */

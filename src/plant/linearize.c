@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Steady states of a model, and its linear model at a point. */
 #include "base/base_internal.h"
+#include "base/matrix.h"
 #include "plant/fmu.h"
 
 #include <float.h>
@@ -10,9 +11,10 @@
 /* A point of a model, and room for what is computed there. */
 struct point {
     const struct apc_model *model;
-    size_t nx, nu; /* nu with the disturbances */
+    size_t nx, n, nu; /* n with the algebraic variables, nu with the disturbances */
     double *memory;
-    double *p, *x, *u;
+    double *p, *x,
+        *u; /* x and f are [n]: behind the states the algebraic variables, behind x' the residuals */
     double *f[4], *g[4];
     double *jacobian, *dx, *trial, *dx_trial, *y;
     size_t *pivot;
@@ -43,7 +45,7 @@ static int evaluate_model(struct point *at, const double *x, double *dx, double 
 static int open_point(struct point *at, const struct apc_model *model, const double *p, const double *x,
                       const double *u, struct apc_error *why)
 {
-    size_t nx, nu, ny;
+    size_t n, nu, ny;
     double *m;
     int rc;
 
@@ -55,12 +57,16 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
         return rc;
     if (apc_model_is_fmu(model))
         return apc_fail(why, APC_EINVAL, "%s: take what apc_model_equations() makes of it", model->name);
-    nx = model->nx;
+    n = model->nx + apc_model_nz(model);
     nu = model->nu + model->nd;
     ny = model->ny;
-    m = calloc(model->np + nu + 8 * nx + 5 * ny + nx * nx, sizeof(*m));
-    *at = (struct point){
-        .model = model, .nx = nx, .nu = nu, .memory = m, .pivot = calloc(nx, sizeof(*at->pivot))};
+    m = calloc(model->np + nu + 8 * n + 5 * ny + n * n, sizeof(*m));
+    *at = (struct point){.model = model,
+                         .nx = model->nx,
+                         .n = n,
+                         .nu = nu,
+                         .memory = m,
+                         .pivot = calloc(n, sizeof(*at->pivot))};
     if (!m || !at->pivot) {
         close_point(at);
         return apc_fail(why, APC_ENOMEM, "%s: no memory for its linear model", model->name);
@@ -68,20 +74,20 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     at->p = m;
     at->u = at->p + model->np;
     at->x = at->u + nu;
-    at->dx = at->x + nx;
-    at->trial = at->dx + nx;
-    at->dx_trial = at->trial + nx;
-    at->f[0] = at->dx_trial + nx;
-    at->g[0] = at->f[0] + 4 * nx;
+    at->dx = at->x + n;
+    at->trial = at->dx + n;
+    at->dx_trial = at->trial + n;
+    at->f[0] = at->dx_trial + n;
+    at->g[0] = at->f[0] + 4 * n;
     at->y = at->g[0] + 4 * ny;
     at->jacobian = at->y + ny;
     for (size_t k = 1; k < 4; k++) {
-        at->f[k] = at->f[0] + k * nx;
+        at->f[k] = at->f[0] + k * n;
         at->g[k] = at->g[0] + k * ny;
     }
     rc = apc_model_take(model, at->p, p, model->param, model->np, "parameter", why);
     if (rc == 0)
-        rc = apc_model_take(model, at->x, x, model->state, nx, "state", why);
+        rc = apc_model_take(model, at->x, x, model->state, at->nx, "state", why);
     if (rc == 0 && u && !apc_values_ok(u, nu))
         rc = apc_fail(why, APC_EINVAL, "%s: an input of the point is not a finite number", model->name);
     if (rc < 0) {
@@ -92,11 +98,33 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     apc_param_initials(model->disturbance, model->nd, at->u + model->nu);
     if (u)
         memcpy(at->u, u, nu * sizeof(*u));
+    if (n > at->nx)
+        apc_param_initials(model->algebraic, n - at->nx, at->x + at->nx);
     if (apc_fmu_shown(model))
         rc = apc_fmu_look_open(&at->look, model, at->p, why);
     if (rc < 0)
         close_point(at);
     return rc;
+}
+
+/* The algebraic variables that fit the point's states and inputs, from their initial values. */
+static int solve_point(struct point *at, struct apc_error *why)
+{
+    struct apc_algebraic *a;
+    struct apc_error cause;
+    int rc;
+
+    if (at->n == at->nx)
+        return 0;
+    rc = apc_algebraic_create(&a, at->model, at->p, 1e-2);
+    if (rc < 0)
+        return apc_fail(why, rc, "%s: no memory for its algebraic equations", at->model->name);
+    apc_param_initials(at->model->algebraic, at->n - at->nx, at->x + at->nx);
+    rc = apc_algebraic_solve(a, 0.0, at->x, at->u, &cause);
+    if (rc == 0)
+        rc = apc_algebraic_check(a, 0.0, at->x, at->u, &cause);
+    apc_algebraic_destroy(a);
+    return rc < 0 ? apc_fail(why, rc, "%s: %s", at->model->name, cause.text) : 0;
 }
 
 /* ---- Jacobians ------------------------------------------------------------------------------ */
@@ -120,7 +148,7 @@ static int differentiate_model(struct point *at, double *value, double *df, doub
         rc = evaluate_model(at, at->x, at->f[k], at->g[k], why);
     }
     *value = own;
-    for (size_t i = 0; df && i < at->nx && rc == 0; i++)
+    for (size_t i = 0; df && i < at->n && rc == 0; i++)
         df[i * width + column] =
             (8.0 * (at->f[0][i] - at->f[1][i]) - (at->f[2][i] - at->f[3][i])) / (12.0 * h);
     for (size_t i = 0; dg && i < m->ny && rc == 0; i++) {
@@ -140,14 +168,70 @@ static bool all_zero(const double *value, size_t n)
     return n == 0;
 }
 
+/* With F = (f, residual) and w = (x, u): from dF/dw, dF/dz and dg/dw, dg/dz, to those of the states alone, where
+ * dz = -(d residual/d z)^-1 (d residual/d w) dw. */
+static int reduce_jacobians(const struct point *at, const double *F, const double *G, double *const to[4])
+{
+    const size_t nx = at->nx, nz = at->n - nx, ny = at->model->ny, nw = nx + at->nu, width = at->n + at->nu;
+    double *Rz = calloc(nz * (nz + nw), sizeof(*Rz)), *S = Rz + nz * nz;
+    int rc = Rz ? 0 : APC_ENOMEM;
+
+    for (size_t i = 0; i < nz && rc == 0; i++) {
+        const double *row = F + (nx + i) * width;
+
+        memcpy(Rz + i * nz, row + nx, nz * sizeof(*row));
+        memcpy(S + i * nw, row, nx * sizeof(*row));
+        memcpy(S + i * nw + nx, row + at->n, at->nu * sizeof(*row));
+    }
+    if (rc == 0 && apc_matrix_solve(nz, nw, Rz, S))
+        rc = APC_ESOLVER;
+    for (size_t half = 0; half < 2 && rc == 0; half++) {
+        for (size_t i = 0; i < (half ? ny : nx); i++) {
+            const double *row = (half ? G : F) + i * width;
+
+            for (size_t j = 0; j < nw; j++) {
+                double *out = to[2 * half + (j >= nx)], slope = row[j < nx ? j : j + nz];
+
+                for (size_t k = 0; k < nz; k++)
+                    slope -= row[nx + k] * S[k * nw + j];
+                if (out)
+                    out[j < nx ? i * nx + j : i * at->nu + j - nx] = slope;
+            }
+        }
+    }
+    free(Rz);
+    return rc;
+}
+
+static int linearize_algebraic(struct point *at, double *const to[4], struct apc_error *why)
+{
+    const size_t width = at->n + at->nu;
+    double *F = calloc((at->n + at->model->ny) * width, sizeof(*F)), *G = F + at->n * width;
+    int rc = F ? solve_point(at, why) : apc_fail(why, APC_ENOMEM, "%s: out of memory", at->model->name);
+
+    for (size_t j = 0; j < width && rc == 0; j++)
+        rc = differentiate_model(at, j < at->n ? &at->x[j] : &at->u[j - at->n], F, G, j, width, why);
+    if (rc == 0 && (rc = reduce_jacobians(at, F, G, to)) < 0)
+        (void)apc_fail(why, rc, "%s: its algebraic equations: %s", at->model->name,
+                       rc == APC_ENOMEM ? "out of memory" : "d residual/d z is singular");
+    free(F);
+    return rc;
+}
+
 int apc_model_linearize(const struct apc_model *model, const double *p, const double *x, const double *u,
                         double *a, double *b, double *c, double *d, struct apc_error *why)
 {
+    double *const to[4] = {a, b, c, d};
     struct point at;
     int rc = open_point(&at, model, p, x, u, why);
 
     if (rc < 0)
         return rc;
+    if (at.n > at.nx) {
+        rc = linearize_algebraic(&at, to, why);
+        close_point(&at);
+        return rc;
+    }
     for (size_t j = 0; j < at.nx && rc == 0; j++)
         rc = differentiate_model(&at, &at.x[j], a, c, j, at.nx, why);
     for (size_t j = 0; j < at.nu && rc == 0; j++)
@@ -170,7 +254,9 @@ int apc_model_evaluate(const struct apc_model *model, const double *p, const dou
 
     if (rc < 0)
         return rc;
-    rc = evaluate_model(&at, at.x, at.dx, at.y, why);
+    rc = solve_point(&at, why);
+    if (rc == 0)
+        rc = evaluate_model(&at, at.x, at.dx, at.y, why);
     if (rc == 0 && dx)
         memcpy(dx, at.dx, at.nx * sizeof(*dx));
     if (rc == 0 && y)
@@ -181,67 +267,12 @@ int apc_model_evaluate(const struct apc_model *model, const double *p, const dou
 
 /* ---- Steady states -------------------------------------------------------------------------- */
 
-/* The Jacobian to its LU decomposition, rows exchanged for the largest pivot. False when it is singular. */
-static bool decompose_jacobian(struct point *at)
-{
-    size_t n = at->nx;
-    double *j = at->jacobian;
-
-    for (size_t k = 0; k < n; k++) {
-        size_t best = k;
-
-        for (size_t i = k + 1; i < n; i++) {
-            if (fabs(j[i * n + k]) > fabs(j[best * n + k]))
-                best = i;
-        }
-        at->pivot[k] = best;
-        if (fabs(j[best * n + k]) < DBL_MIN)
-            return false;
-        for (size_t l = 0; best != k && l < n; l++) {
-            double swap = j[k * n + l];
-
-            j[k * n + l] = j[best * n + l];
-            j[best * n + l] = swap;
-        }
-        for (size_t i = k + 1; i < n; i++) {
-            double factor = j[i * n + k] /= j[k * n + k];
-
-            for (size_t l = k + 1; l < n; l++)
-                j[i * n + l] -= factor * j[k * n + l];
-        }
-    }
-    return true;
-}
-
-/* v = J^-1 v */
-static void solve_jacobian(const struct point *at, double *v)
-{
-    size_t n = at->nx;
-    const double *j = at->jacobian;
-
-    for (size_t k = 0; k < n; k++) {
-        double swap = v[at->pivot[k]];
-
-        v[at->pivot[k]] = v[k];
-        v[k] = swap;
-    }
-    for (size_t i = 0; i < n; i++) {
-        for (size_t k = 0; k < i; k++)
-            v[i] -= j[i * n + k] * v[k];
-    }
-    for (size_t i = n; i-- > 0;) {
-        for (size_t k = i + 1; k < n; k++)
-            v[i] -= j[i * n + k] * v[k];
-        v[i] /= j[i * n + i];
-    }
-}
-
 /* The largest component of @p step against its state. */
 static double relative(const struct point *at, const double *step)
 {
     double norm = 0.0;
 
-    for (size_t i = 0; i < at->nx; i++)
+    for (size_t i = 0; i < at->n; i++)
         norm = fmax(norm, fabs(step[i]) / fmax(fabs(at->x[i]), 1e-3));
     return norm;
 }
@@ -249,12 +280,17 @@ static double relative(const struct point *at, const double *step)
 static bool within_ranges(const struct point *at, const double *x)
 {
     const struct apc_param *state = at->model->state;
+    const struct apc_param *algebraic = at->n > at->nx ? at->model->algebraic : NULL;
 
     for (size_t i = 0; state && i < at->nx; i++) {
         if (!apc_param_accepts(&state[i], x[i]))
             return false;
     }
-    return apc_values_ok(x, at->nx);
+    for (size_t i = at->nx; algebraic && i < at->n; i++) {
+        if (!apc_param_accepts(&algebraic[i - at->nx], x[i]))
+            return false;
+    }
+    return apc_values_ok(x, at->n);
 }
 
 /* One damped step. The step is halved until the next Newton step with this Jacobian would be shorter, a test
@@ -266,35 +302,55 @@ static int damped_newton_step(struct point *at, struct apc_error *why)
     int rc = evaluate_model(at, at->x, at->dx, NULL, why);
     bool at_rest = true;
 
-    for (size_t i = 0; i < at->nx && rc == 0; i++)
+    for (size_t i = 0; i < at->n && rc == 0; i++)
         at_rest &= fabs(at->dx[i]) <= 4.0 * DBL_EPSILON * fabs(at->x[i]);
     if (rc < 0 || at_rest) /* also where there are many, as with an integrator */
         return rc < 0 ? rc : 1;
-    for (size_t j = 0; j < at->nx && rc == 0; j++)
-        rc = differentiate_model(at, &at->x[j], at->jacobian, NULL, j, at->nx, why);
+    for (size_t j = 0; j < at->n && rc == 0; j++)
+        rc = differentiate_model(at, &at->x[j], at->jacobian, NULL, j, at->n, why);
     if (rc < 0)
         return rc;
-    if (!decompose_jacobian(at))
+    if (apc_matrix_factor(at->n, at->jacobian, at->pivot))
         return apc_fail(why, APC_ESOLVER,
                         "%s: no steady state found: the Jacobian is singular; an integrating plant has one "
                         "only at the inputs that balance it",
                         at->model->name);
-    solve_jacobian(at, at->dx);
+    apc_matrix_substitute(at->n, at->jacobian, at->pivot, at->dx);
     size = relative(at, at->dx);
     for (int halvings = 0; halvings < 27; halvings++) {
         const double damping = ldexp(1.0, -halvings);
-        for (size_t i = 0; i < at->nx; i++)
+        for (size_t i = 0; i < at->n; i++)
             at->trial[i] = at->x[i] - damping * at->dx[i];
         if (!within_ranges(at, at->trial) || evaluate_model(at, at->trial, at->dx_trial, NULL, NULL) < 0)
             continue;
-        solve_jacobian(at, at->dx_trial);
+        apc_matrix_substitute(at->n, at->jacobian, at->pivot, at->dx_trial);
         if (relative(at, at->dx_trial) < size || size < 1e-9) {
-            memcpy(at->x, at->trial, at->nx * sizeof(*at->x));
+            memcpy(at->x, at->trial, at->n * sizeof(*at->x));
             return size < 1e-9;
         }
     }
     return apc_fail(why, APC_ESOLVER, "%s: no steady state found from there; try another start",
                     at->model->name);
+}
+
+/* The other functions solve the algebraic equations from the variables' initial values: do they get to the same?
+ * Returns 1, as above. */
+static int check_same_solution(struct point *at, struct apc_error *why)
+{
+    int rc;
+
+    memcpy(at->trial, at->x, at->n * sizeof(*at->x));
+    rc = solve_point(at, why);
+    for (size_t i = at->nx; i < at->n && rc == 0; i++) {
+        if (!(fabs(at->x[i] - at->trial[i]) <= 1e-6 * fmax(fabs(at->x[i]), 1e-3)))
+            return apc_fail(
+                why, APC_ESOLVER,
+                "%s: algebraic variable %zu is %g at the steady state, but %g when it is sought from "
+                "its initial value: its equations have several solutions; an initial value nearer to "
+                "the one that is meant decides",
+                at->model->name, i - at->nx + 1, at->trial[i], at->x[i]);
+    }
+    return rc < 0 ? rc : 1;
 }
 
 int apc_model_equilibrium(const struct apc_model *model, const double *p, const double *u, double *x,
@@ -310,6 +366,8 @@ int apc_model_equilibrium(const struct apc_model *model, const double *p, const 
         return rc;
     for (int k = 0; k < 200 && rc == 0; k++)
         rc = damped_newton_step(&at, why);
+    if (rc == 1 && at.n > at.nx)
+        rc = check_same_solution(&at, why);
     if (rc == 1)
         memcpy(x, at.x, at.nx * sizeof(*x));
     else if (rc == 0)

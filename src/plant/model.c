@@ -22,6 +22,8 @@ static int check_tables(const struct apc_model *model, const char *from, struct 
 
     if (rc == 0 && model->state)
         rc = apc_params_check(model->state, model->nx, from, why);
+    if (rc == 0 && apc_model_nz(model) && model->algebraic)
+        rc = apc_params_check(model->algebraic, model->nz, from, why);
     if (rc == 0 && model->input)
         rc = apc_params_check(model->input, model->nu, from, why);
     if (rc == 0 && model->disturbance)
@@ -35,7 +37,7 @@ static int check_tables(const struct apc_model *model, const char *from, struct 
 
 int apc_model_check(const struct apc_model *model, const char *from, struct apc_error *why)
 {
-    if (model->abi != APC_MODEL_ABI)
+    if (model->abi < 2 || model->abi > APC_MODEL_ABI)
         return apc_fail(why, APC_EINVAL,
                         "%s: made for version %u of struct apc_model, this is %u; compile it anew", from,
                         model->abi, APC_MODEL_ABI);
@@ -47,7 +49,23 @@ int apc_model_check(const struct apc_model *model, const char *from, struct apc_
         return apc_fail(why, APC_EINVAL,
                         "%s: model %s has %zu states, %zu inputs, %zu outputs; each must be at least 1", from,
                         model->name, model->nx, model->nu, model->ny);
+    if (apc_model_nz(model) && !model->residual)
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s: model %s has %zu algebraic variables, and no function residual of their equations", from,
+            model->name, model->nz);
     return check_tables(model, from, why);
+}
+
+int apc_model_check_explicit(const struct apc_model *model, struct apc_error *why)
+{
+    if (!apc_model_nz(model))
+        return 0;
+    return apc_fail(
+        why, APC_EINVAL,
+        "%s has algebraic equations (%zu), which nonlinear prediction does not solve; take a law and "
+        "an estimator of its linear model",
+        model->name, model->nz);
 }
 
 static int check_model_plugin(const void *model, const char *from, struct apc_error *why)
@@ -104,12 +122,17 @@ int apc_model_take(const struct apc_model *model, double *value, const double *g
 int apc_model_derivative(const struct apc_model *model, double t, const double *x, const double *u,
                          const double *p, double *dx, struct apc_error *why)
 {
+    const size_t nx = model->nx, nz = apc_model_nz(model);
+
     if (model->f(t, x, u, p, dx))
         return apc_fail(why, APC_ESOLVER, "%s: the model is not defined there", model->name);
-    for (size_t i = 0; i < model->nx; i++) {
+    if (nz && model->residual(t, x, u, p, dx + nx))
+        return apc_fail(why, APC_ESOLVER, "%s: its algebraic equations are not defined there", model->name);
+    for (size_t i = 0; i < nx + nz; i++) {
         if (!apc_value_ok(dx[i]))
-            return apc_fail(why, APC_ESOLVER, "%s: the derivative of state %zu is not a finite number",
-                            model->name, i + 1);
+            return apc_fail(why, APC_ESOLVER, "%s: %s %zu is not a finite number", model->name,
+                            i < nx ? "the derivative of state" : "algebraic equation",
+                            i < nx ? i + 1 : i - nx + 1);
     }
     return 0;
 }

@@ -16,7 +16,7 @@ struct apc_plant {
     double t;
     double *memory;         /* all the doubles below */
     double *p;              /* [np] */
-    double *x, *x_before;   /* [nx] */
+    double *x, *x_before;   /* [nx + nz] */
     double *in, *in_before; /* [nu + nd] what acts: manipulated inputs, disturbances */
     double *given;          /* [nu + nd] scratch for outputs */
     struct apc_error error;
@@ -25,14 +25,14 @@ struct apc_plant {
 /* ---- Set-up --------------------------------------------------------------------------------- */
 
 static int take_plant_options(struct apc_plant_options *ours, const struct apc_plant_options *theirs,
-                              struct apc_error *why)
+                              const struct apc_model *model, struct apc_error *why)
 {
     int rc = apc_options_copy(ours, sizeof(*ours), theirs, "apc_plant_options", why);
 
     if (rc < 0)
         return rc;
     if (!ours->integrator)
-        ours->integrator = "cvode";
+        ours->integrator = apc_model_nz(model) ? apc_integrator_ida.name : "cvode";
     if (ours->rtol == 0.0)
         ours->rtol = 1e-8;
     if (ours->atol == 0.0)
@@ -58,21 +58,34 @@ static int take_plant_options(struct apc_plant_options *ours, const struct apc_p
     return 0;
 }
 
-static int find_integrator(const struct apc_integrator **integrator, const char *name, struct apc_error *why)
+static int find_integrator(const struct apc_integrator **integrator, const char *name,
+                           const struct apc_model *model, struct apc_error *why)
 {
     static const struct apc_integrator *const all[] = {&apc_integrator_cvode, &apc_integrator_adams,
-                                                       &apc_integrator_rk4, &apc_integrator_exact};
+                                                       &apc_integrator_rk4, &apc_integrator_exact,
+                                                       &apc_integrator_ida};
+    const size_t nz = apc_model_nz(model);
+    size_t i = 0;
 
     *integrator = &apc_integrator_fmu;
     if (name == apc_integrator_fmu.name) /* nobody else can name it */
         return 0;
-    for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++) {
-        *integrator = all[i];
-        /* NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): take_plant_options() gave it a name */
-        if (strcmp(all[i]->name, name) == 0)
-            return 0;
-    }
-    return apc_fail(why, APC_EINVAL, "no integrator \"%s\"; there are: cvode, adams, rk4, exact", name);
+    while (i < sizeof(all) / sizeof(all[0]) && strcmp(all[i]->name, name) != 0)
+        i++;
+    if (i == sizeof(all) / sizeof(all[0]))
+        return apc_fail(why, APC_EINVAL, "no integrator \"%s\"; there are: cvode, adams, rk4, exact, ida",
+                        name);
+    *integrator = all[i];
+    if (nz && all[i] != &apc_integrator_ida)
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s has algebraic equations (%zu): its integrator is \"ida\", the default, not \"%s\"",
+            model->name, nz, name);
+    if (!nz && all[i] == &apc_integrator_ida)
+        return apc_fail(why, APC_EINVAL,
+                        "%s has no algebraic equations: integrator \"ida\" is for those; take \"cvode\"",
+                        model->name);
+    return 0;
 }
 
 static int check_fmu(const struct apc_model *model, const double *x0, const char *integrator,
@@ -95,16 +108,16 @@ static int check_fmu(const struct apc_model *model, const double *x0, const char
 static int allocate_plant(struct apc_plant *plant)
 {
     const struct apc_model *m = plant->model;
-    size_t n_in = m->nu + m->nd;
-    double *at = calloc(m->np + 2 * m->nx + 3 * n_in, sizeof(*at));
+    size_t n_in = m->nu + m->nd, n = m->nx + apc_model_nz(m);
+    double *at = calloc(m->np + 2 * n + 3 * n_in, sizeof(*at));
 
     plant->memory = at;
     if (!at)
         return APC_ENOMEM;
     plant->p = at;
     plant->x = at + m->np;
-    plant->x_before = plant->x + m->nx;
-    plant->in = plant->x_before + m->nx;
+    plant->x_before = plant->x + n;
+    plant->in = plant->x_before + n;
     plant->in_before = plant->in + n_in;
     plant->given = plant->in_before + n_in;
     return 0;
@@ -114,7 +127,8 @@ static int set_up_solver(struct apc_plant *plant, const double *p, const double 
                          const struct apc_plant_options *o, struct apc_error *why)
 {
     const struct apc_model *m = plant->model;
-    int rc = find_integrator(&plant->integrator, o->integrator, why);
+    struct apc_error cause;
+    int rc = find_integrator(&plant->integrator, o->integrator, m, why);
 
     if (rc == 0 && (allocate_plant(plant) < 0 || apc_delay_open(&plant->delay, o->dead_time, m->nu) < 0))
         rc = apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
@@ -124,13 +138,16 @@ static int set_up_solver(struct apc_plant *plant, const double *p, const double 
         rc = apc_model_take(m, plant->x, x0, m->state, m->nx, "state", why);
     if (rc < 0)
         return rc;
+    if (apc_model_nz(m))
+        apc_param_initials(m->algebraic, m->nz, plant->x + m->nx);
     apc_param_initials(m->input, m->nu, plant->in);
     apc_param_initials(m->disturbance, m->nd, plant->in + m->nu);
     plant->options = *o;
     rc = plant->integrator->create(&plant->solver, m, plant->p, o, why);
-    if (rc == 0 && plant->integrator->start)
-        plant->integrator->start(plant->solver, plant->x);
-    return rc;
+    if (rc < 0 || !plant->integrator->start)
+        return rc;
+    rc = plant->integrator->start(plant->solver, plant->in, plant->x, &cause);
+    return rc < 0 ? apc_fail(why, rc, "%s cannot start: %s", m->name, cause.text) : 0;
 }
 
 int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, const double *p,
@@ -147,7 +164,7 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
         return apc_fail(why, APC_EINVAL, "apc_plant_create: model must not be NULL");
     rc = apc_model_check(model, "apc_plant_create", why);
     if (rc == 0)
-        rc = take_plant_options(&o, options, why);
+        rc = take_plant_options(&o, options, model, why);
     if (rc == 0 && apc_model_is_fmu(model))
         rc = check_fmu(model, x0, options ? options->integrator : NULL, &o, why);
     if (rc < 0)
@@ -253,7 +270,8 @@ int apc_plant_advance(struct apc_plant *plant, double dt, const double *u)
 {
     const struct apc_model *m = plant->model;
     const struct apc_delay delay = plant->delay;
-    const size_t x_bytes = m->nx * sizeof(double), in_bytes = (m->nu + m->nd) * sizeof(double);
+    const size_t x_bytes = (m->nx + apc_model_nz(m)) * sizeof(double),
+                 in_bytes = (m->nu + m->nd) * sizeof(double);
     struct apc_error why;
     int rc;
 
@@ -317,14 +335,26 @@ int apc_plant_kick(struct apc_plant *plant, size_t k, double by)
 void apc_plant_output(struct apc_plant *plant, const double *u, double *y)
 {
     const struct apc_model *m = plant->model;
+    struct apc_error why;
 
     memcpy(plant->given, plant->in, (m->nu + m->nd) * sizeof(*u));
     if (!(plant->delay.dead_time > 0.0))
         memcpy(plant->given, u, m->nu * sizeof(*u));
-    if (apc_model_is_fmu(m))
+    if (apc_model_is_fmu(m)) {
         memcpy(y, plant->x, m->ny * sizeof(*y));
-    else
-        m->g(plant->t, plant->x, plant->given, plant->p, y);
+        return;
+    }
+    if (plant->integrator->settle) {
+        const int rc = plant->integrator->settle(plant->solver, plant->t, plant->given, plant->x, &why);
+
+        for (size_t i = 0; rc < 0 && i < m->ny; i++)
+            y[i] = (double)NAN;
+        if (rc < 0) {
+            (void)report_solver_failure(plant, rc, why.text);
+            return;
+        }
+    }
+    m->g(plant->t, plant->x, plant->given, plant->p, y);
 }
 
 const double *apc_plant_state(const struct apc_plant *plant)

@@ -9,7 +9,15 @@
 
 /** Check a model from outside; @p from, its path or name, begins the error's text. Returns 0 or APC_EINVAL. */
 int apc_model_check(const struct apc_model *model, const char *from, struct apc_error *why);
-/** f, with APC_ESOLVER when it says that it is not defined there or gives no finite numbers. [tick] */
+/** Its algebraic variables: those of an older ABI have no such member. [tick] */
+static inline size_t apc_model_nz(const struct apc_model *model)
+{
+    return model->abi >= 3 ? model->nz : 0;
+}
+/** For who asks f and g alone: returns 0, or APC_EINVAL where there are algebraic variables. */
+int apc_model_check_explicit(const struct apc_model *model, struct apc_error *why);
+/** f, and into @p dx [nx + nz] after it the residuals, with APC_ESOLVER where one is not defined or not a finite
+ * number. [tick] */
 int apc_model_derivative(const struct apc_model *model, double t, const double *x, const double *u,
                          const double *p, double *dx, struct apc_error *why);
 /** The initial values of @p n parameters or variables into @p value; zeros when there is no table. */
@@ -21,9 +29,32 @@ void apc_param_initials(const struct apc_param *param, size_t n, double *value);
 int apc_model_take(const struct apc_model *model, double *value, const double *given,
                    const struct apc_param *table, size_t n, const char *what, struct apc_error *why);
 
+/* ---- Algebraic equations -------------------------------------------------------------------- */
+
+/** Solves 0 = residual(t, x, z, u, p) for the z behind x [nx + nz], by Newton's method from where z is. */
+struct apc_algebraic;
+
+/** The least that a difference quotient takes for the magnitude of z: beside terms of magnitude 1 a smaller
+ * step would drown in rounding. */
+#define APC_ALGEBRAIC_SCALE 1e-6
+
+/** @p p is borrowed; below @p zero_scale a variable counts as zero. [setup] Returns 0 or APC_ENOMEM. */
+int apc_algebraic_create(struct apc_algebraic **algebraic, const struct apc_model *model, const double *p,
+                         double zero_scale);
+void apc_algebraic_destroy(struct apc_algebraic *algebraic); /**< NULL is legal. [setup] */
+/** Returns 0, or APC_ESOLVER: which equation, and how far from 0; z is then as it was. [tick] */
+int apc_algebraic_solve(struct apc_algebraic *algebraic, double t, double *x, const double *u,
+                        struct apc_error *why);
+/** Do the equations determine z at the solution @p x? Returns 0, or APC_ESOLVER: index 2, by which equation. */
+int apc_algebraic_check(struct apc_algebraic *algebraic, double t, const double *x, const double *u,
+                        struct apc_error *why);
+/** z' behind the x' of @p rate [nx + nz], at the solution @p x: to first order. [tick] */
+void apc_algebraic_rate(struct apc_algebraic *algebraic, double t, const double *x, const double *u,
+                        double *rate);
+
 /* ---- Integrators ---------------------------------------------------------------------------- */
 
-/** One way to solve x' = f(t, x, u, p) over one interval of constant u [nu + nd]. One file each. */
+/** One way to solve x' = f(t, x, u, p) over one interval of constant u [nu + nd]. x is [nx + nz]. */
 struct apc_integrator {
     const char *name;
     /**
@@ -32,16 +63,19 @@ struct apc_integrator {
      */
     int (*create)(void **self, const struct apc_model *model, const double *p,
                   const struct apc_plant_options *options, struct apc_error *why);
-    /** The state that it starts with into @p x, of a model that says so only when it is there; NULL: as the
-     * model has it. [setup] */
-    void (*start)(void *self, double *x);
+    /** Put into @p x what the model's table does not say: the state of one that says so only when it is there,
+     * or a solution of the algebraic equations. NULL: nothing. [setup] Returns 0 or APC_ESOLVER. */
+    int (*start)(void *self, const double *u, double *x, struct apc_error *why);
+    /** Algebraic variables of @p x that fit its states and @p u; NULL: there are none. [tick] Returns 0 or
+     * APC_ESOLVER. */
+    int (*settle)(void *self, double t, const double *u, double *x, struct apc_error *why);
     /** @p x at t becomes x at t + dt; on failure, APC_ESOLVER, x stays as it was. dt > 0. [tick] */
     int (*step)(void *self, double t, double dt, const double *u, double *x, struct apc_error *why);
     void (*destroy)(void *self); /**< NULL is legal. [setup] */
 };
 
 extern const struct apc_integrator apc_integrator_cvode, apc_integrator_adams, apc_integrator_rk4,
-    apc_integrator_exact, apc_integrator_fmu;
+    apc_integrator_exact, apc_integrator_ida, apc_integrator_fmu;
 
 /** One that is stepped, with no f and g that could be asked; its states are its outputs. [tick] */
 bool apc_model_is_fmu(const struct apc_model *model);

@@ -56,7 +56,7 @@ static int check_estimated_model(const struct apc_estimator_options *o, struct a
 
     if (o->linear)
         return 0;
-    if (apc_model_check(o->model, "estimator", why) < 0)
+    if (apc_model_check(o->model, "estimator", why) < 0 || apc_model_check_explicit(o->model, why) < 0)
         return APC_EINVAL;
     return apc_period_from_s(o->Ts, &period, why);
 }

@@ -103,6 +103,8 @@ int apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_o
                                .steps = o->steps};
     rc = allocate_shooting(s, o) < 0 ? apc_fail(why, APC_ENOMEM, "shooting: no memory")
                                      : apc_model_take(m, s->p, o->p, m->param, m->np, "parameter", why);
+    if (rc == 0)
+        rc = apc_model_check_explicit(m, why);
     if (rc < 0) {
         apc_shooting_destroy(s);
         return rc;

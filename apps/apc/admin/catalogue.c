@@ -20,7 +20,7 @@ struct kind {
     bool named_only; /* it has no values */
     bool texts;      /* its values are texts */
 };
-#define KINDS         6
+#define KINDS         7
 #define MOST_SETTINGS 64
 
 /* A plant or a law as it is shown. */
@@ -56,6 +56,9 @@ static void of_model(const struct apc_model *m, struct entry *to)
                   {"output", "outputs", m->output, m->ny, 'y', true, false}},
         .n_kinds = 5,
     };
+    if (m->abi >= 3 && m->nz)
+        to->kinds[to->n_kinds++] =
+            (struct kind){"algebraic", "algebraic", m->algebraic, m->nz, 'z', false, false};
     struct kind *const texts = &to->kinds[to->n_kinds];
     *texts = (struct kind){"text", "texts", NULL, 0, 't', true, true};
     texts->table = apc_model_texts(m, &texts->n);

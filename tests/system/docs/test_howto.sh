@@ -59,7 +59,7 @@ python3 "$shown" "$work/tuning.md" >"$work/tuning.log" || fail "docs/tuning.md s
 # What they only type is taken: matrices, certificates, and campaigns, cut short.
 ln -s experiments/four-tank.conf .
 {
-  typed docs/plants.md 'apc linearize'
+  typed docs/plants.md 'apc|cp'
   typed docs/tls.md 'apc cert'
   typed docs/simulate.md 'apc simulate'
   typed docs/tuning.md 'apc optimize'

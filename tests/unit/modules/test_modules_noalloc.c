@@ -440,6 +440,39 @@ static void whichever_allocation_fails_a_configured_law_says_so(void **state)
     }
 }
 
+/* x' = -x + z + d, 0 = z + z^3 - x - u. */
+static int algebraic_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)p;
+    dx[0] = -x[0] + x[1] + u[2];
+    return 0;
+}
+
+static int algebraic_residual(double t, const double *x, const double *u, const double *p, double *r)
+{
+    (void)t, (void)p;
+    r[0] = x[1] + x[1] * x[1] * x[1] - x[0] - u[0];
+    return 0;
+}
+
+static void algebraic_g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)u, (void)p;
+    y[0] = x[0];
+    y[1] = x[1];
+}
+
+static const struct apc_model algebraic = {.abi = APC_MODEL_ABI,
+                                           .name = "algebraic",
+                                           .nx = 1,
+                                           .nz = 1,
+                                           .nu = 2,
+                                           .nd = 1,
+                                           .ny = 2,
+                                           .f = algebraic_f,
+                                           .residual = algebraic_residual,
+                                           .g = algebraic_g};
+
 /* A plant with everything that a file can ask for: noise, faults, disturbances, dead time. */
 static int make_plant(struct loop *l, const char *integrator, int n)
 {
@@ -460,6 +493,8 @@ static int make_plant(struct loop *l, const char *integrator, int n)
     void *handle;
     int rc = apc_model_find("temperature-lab", &o.model, &handle, NULL);
 
+    if (strcmp(integrator, "ida") == 0)
+        o.model = &algebraic;
     *l = (struct loop){0};
     if (n >= 0)
         fail_at = allocations + n;
@@ -474,12 +509,12 @@ static int make_plant(struct loop *l, const char *integrator, int n)
 
 static void no_integrator_allocates_in_a_tick(void **state)
 {
-    static const char *const integrators[] = {"cvode", "adams", "rk4", "exact"};
+    static const char *const integrators[] = {"cvode", "adams", "rk4", "exact", "ida"};
 
     (void)state;
     if (!COUNTING)
         skip();
-    for (size_t i = 0; i < 4; i++) {
+    for (size_t i = 0; i < 5; i++) {
         struct loop l;
         double u[2] = {0.0, 0.0};
         int before, at_first = held, failures = 0;
