@@ -33,6 +33,7 @@ static const struct {
     {"why", command_why, "which inputs moved an output, and by how much", NULL},
     {"timing", command_timing, "lateness, jitter, run time and missed ticks of the tasks", NULL},
     {"report", command_report, "figures and KPIs of a run or a store; draws the report", NULL},
+    {"monitor", command_monitor, "which loops need somebody: sensor, valve, tuning, disturbance", NULL},
     {"test", command_test, "move a plant, simulated or live, so that it can be identified", "Identify"},
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants",
      NULL},

@@ -76,6 +76,56 @@ const char *figures_variable(const struct event *event, const struct experiment 
 void figures_name_part(const struct figures *f, const struct part *part, const struct experiment *e,
                        char *text, size_t size);
 
+/* ---- Health --------------------------------------------------------------------------------- */
+
+/* What a loop did, tick by tick, while its controller had it and its setpoint stood. */
+struct health_series {
+    const double *y, *r, *u; /* [n] measurement, setpoint, output */
+    size_t n;
+    double period;          /* s */
+    const double *measured; /* [n_measured] each row of the measurement once */
+    size_t n_measured;
+    double limited; /* share of the time at a limit */
+    double horizon; /* s that the least variance looks ahead: dead time and a period for the Harris index */
+};
+
+/* From the worst on. */
+enum health_verdict {
+    HEALTH_SENSOR = 1, /* the measurement stands still, jumps, or has steps */
+    HEALTH_VALVE,      /* friction explains the record */
+    HEALTH_TIGHT,      /* it swings by itself, near the limit of stability */
+    HEALTH_PERIODIC,   /* something outside swings */
+    HEALTH_SWINGS,     /* one of the two, and the record is too short to say which */
+    HEALTH_LIMITED,    /* its output is at a limit too often to be judged */
+    HEALTH_SLOW,       /* deviations last far beyond the horizon */
+    HEALTH_UNKNOWN,    /* too little is on record, or nothing moves */
+    HEALTH_GOOD
+};
+
+/* NAN: there is no such figure. */
+struct health {
+    enum health_verdict verdict;
+    size_t n;          /* ticks that were judged */
+    double index;      /* least variance that any controller could have, over that on record: 1 is the best */
+    double swing;      /* s, of a regular oscillation of the deviation */
+    double regularity; /* above 1: it is one (Thornhill, Huang and Zhang, 2003) */
+    double lasting;    /* its correlation many swings later over that after one */
+    double friction;   /* deadband and stickband, units of the output */
+    double explained;  /* by it: share of what a linear plant leaves */
+    double still;      /* s that the measurement stood still, longest */
+    double jumps;      /* single rows far off, share */
+    double step;       /* of the measurement, its resolution */
+    double travel, reversals; /* of the output: per hour */
+};
+
+/* Ticks that it takes to judge. */
+#define HEALTH_TICKS 500
+
+/* Returns 0 or APC_ENOMEM. */
+int health_judge(struct health *h, const struct health_series *s);
+const char *health_name(enum health_verdict verdict);  /* "tight": for programs, and tables */
+const char *health_words(enum health_verdict verdict); /* what it means, and what to do */
+
 /* ---- KPIs ----------------------------------------------------------------------------------- */
 
 /*
@@ -93,6 +143,7 @@ struct kpis_loop {
     double low, high;     /* its output stood at that limit */
     double with, without; /* standard deviation of measurement less setpoint, in service and out of it */
     double benefit;       /* 1 - with / without: by how much the loop is quieter in service */
+    struct health health; /* verdict 0: nobody asked */
 };
 
 /* Of what one law publishes over a horizon about one of its measurements. */
@@ -141,12 +192,14 @@ struct kpis_source {
     const struct samples *process, *operation;
     struct apc_store *published;
     apc_ns offset, from, until;
+    const double *horizon; /* of health_series; NULL: health is not asked for */
 };
 int kpis_make(struct kpis *m, const struct kpis_source *source);
 /* Of a store's history, t in UTC, as far as there is a record. Returns 0, APC_ENOTFOUND (no loops are
  * described, or nothing was recorded), APC_ERANGE (it takes more than @p most rows), APC_ENOMEM or the
  * store's error; kpis_free() in either case. */
-int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most);
+int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
+                  size_t most);
 void kpis_free(struct kpis *m);
 
 #endif

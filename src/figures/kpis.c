@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "figures.h"
+#include "figures_internal.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -48,6 +48,8 @@ struct watch {
     unsigned limited;
     double service, at[2]; /* s */
     struct spread with, without;
+    double measurement;      /* NAN: none yet */
+    struct stretch *stretch; /* NULL: health is not asked for */
 };
 
 static bool serves(const struct watch *w, apc_ns t)
@@ -69,6 +71,21 @@ static void count_until(struct watch *w, apc_ns to)
         w->t = to;
 }
 
+static void stretch_row(const struct watch *w, const struct apc_sample *s)
+{
+    const struct loops_loop *l = w->loop;
+    if (s->time < w->from || s->time >= w->until)
+        return;
+    if (s->table == APC_SENSOR && s->id == l->measurement && !isnan(w->measurement))
+        stretch_measured(w->stretch, w->measurement);
+    if (s->table != l->table || s->id != l->output)
+        return;
+    if (serves(w, s->time) && !isnan(w->measurement) && !isnan(w->setpoint))
+        stretch_tick(w->stretch, s->time, w->measurement, w->setpoint, s->value);
+    else
+        stretch_break(w->stretch);
+}
+
 static void take_loop_row(struct watch *w, const struct apc_sample *s)
 {
     const struct loops_loop *l = w->loop;
@@ -88,6 +105,10 @@ static void take_loop_row(struct watch *w, const struct apc_sample *s)
     if (s->table == APC_SENSOR && s->id == l->measurement && s->time >= w->from && s->time < w->until &&
         apc_status_severity(s->status) != APC_SEVERITY_BAD && !isnan(w->setpoint))
         spread_take(serves(w, s->time) ? &w->with : &w->without, s->value - w->setpoint);
+    if (s->table == APC_SENSOR && s->id == l->measurement)
+        w->measurement = apc_status_severity(s->status) == APC_SEVERITY_BAD ? none : s->value;
+    if (w->stretch)
+        stretch_row(w, s);
 }
 
 /* Both lists by time; what was operated first. */
@@ -121,18 +142,26 @@ static struct kpis_loop kpis_of_loop(const struct watch *w)
 static int judge_loops(struct kpis *m, const struct kpis_source *s)
 {
     const struct loops *loops = s->loops;
+    int rc = 0;
     m->loop = calloc(loops->n + 1, sizeof *m->loop);
-    for (size_t i = 0; i < loops->n && m->loop; i++) {
+    for (size_t i = 0; i < loops->n && m->loop && rc == 0; i++) {
+        const apc_ns period = loops->controller[loops->at[i].controller].period;
+        struct stretch stretch = {.period = period, .follows = loops->at[i].above >= 0};
         struct watch w = {.loop = &loops->at[i],
                           .from = s->from,
                           .until = s->until,
                           .t = s->from,
-                          .patience = row_patience(loops->controller[loops->at[i].controller].period),
-                          .setpoint = none};
+                          .patience = row_patience(period),
+                          .setpoint = none,
+                          .measurement = none,
+                          .stretch = s->horizon && period > 0 ? &stretch : NULL};
         pass_loop_rows(&w, s->process, s->operation);
-        m->loop[m->n_loops++] = kpis_of_loop(&w);
+        struct kpis_loop *const loop = &m->loop[m->n_loops++];
+        *loop = kpis_of_loop(&w);
+        if (w.stretch)
+            rc = stretch_judge(&stretch, loop->low + loop->high, *s->horizon, &loop->health);
     }
-    return m->loop ? 0 : APC_ENOMEM;
+    return m->loop ? rc : APC_ENOMEM;
 }
 
 /* ---- Predictions -------------------------------------------------------------------------- */
@@ -353,10 +382,12 @@ static int make_of_store(struct kpis *m, struct kpis_source s, size_t most)
     return rc;
 }
 
-int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most)
+int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
+                  size_t most)
 {
     struct loops loops = {0};
-    struct kpis_source s = {.loops = &loops, .published = store, .from = from, .until = until};
+    struct kpis_source s = {
+        .loops = &loops, .published = store, .from = from, .until = until, .horizon = horizon};
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
     int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;

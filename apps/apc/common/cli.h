@@ -149,6 +149,7 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
+int command_monitor(int argc, char **argv);
 int command_alarm(int argc, char **argv);
 int command_user(int argc, char **argv);
 int command_maintain(int argc, char **argv);

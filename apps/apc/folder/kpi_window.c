@@ -52,11 +52,13 @@ static int make_window_kpis(struct kpis *m, struct kpis_source *s, const struct 
 }
 
 int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, double from, double until,
-                  struct apc_error *why)
+                  const double *horizon, struct apc_error *why)
 {
     struct samples process, operation = {0};
-    struct kpis_source s = {
-        .process = &process, .operation = &operation, .offset = e->start ? e->start : SIMULATION_BEGIN};
+    struct kpis_source s = {.process = &process,
+                            .operation = &operation,
+                            .offset = e->start ? e->start : SIMULATION_BEGIN,
+                            .horizon = horizon};
     *m = (struct kpis){0};
     int rc = samples_read(&process, dir, "samples.csv", why);
     if (rc == 0)
@@ -78,9 +80,10 @@ int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, d
     return rc;
 }
 
-int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, struct apc_error *why)
+int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
+                    struct apc_error *why)
 {
-    const int rc = kpis_of_store(m, store, from, until, SIZE_MAX);
+    const int rc = kpis_of_store(m, store, from, until, horizon, SIZE_MAX);
     if (rc == APC_ENOTFOUND)
         return nothing_recorded(why);
     return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store)) : 0;

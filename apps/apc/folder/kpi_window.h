@@ -7,11 +7,11 @@
 #include "record/record.h"
 
 /* Of the run in @p dir, t in s since its start; NAN: from its start, to its end. Returns 0 or a negative
- * error; kpis_free() in either case. */
+ * error; kpis_free() in either case. @p horizon: of kpis_source. */
 int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, double from, double until,
-                  struct apc_error *why);
+                  const double *horizon, struct apc_error *why);
 /* Of a store, t in UTC, as far as there is a record. */
-int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until,
+int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
                     struct apc_error *why);
 /* What was expected at @p at of the run in @p dir, s since its start, and what came of it: prediction_free() in
  * either case. */

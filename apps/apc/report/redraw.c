@@ -133,7 +133,7 @@ static int report_window(const struct cli *cli, const struct report_options *o, 
         status = take_seconds(cli, "to", o->to, &to);
     if (status != EXIT_OK)
         return status;
-    int rc = window_of_run(&kpis, e, cli->args[0], from, to, &why);
+    int rc = window_of_run(&kpis, e, cli->args[0], from, to, NULL, &why);
     if (rc == 0 && (rc = put_kpis(&kpis, e, 0, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     kpis_free(&kpis);
@@ -155,7 +155,7 @@ static int report_of_store(const struct cli *cli, const struct report_options *o
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
-    rc = window_of_store(&kpis, store, from, to, &why);
+    rc = window_of_store(&kpis, store, from, to, NULL, &why);
     if (rc == 0 && (rc = put_kpis(&kpis, NULL, 0, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     if (rc < 0)
@@ -230,7 +230,7 @@ static int put_run_figures(const char *dir, const struct experiment *e, bool jso
     if (rc == 0 && (rc = figures_make(&figures, &trajectory, e)) < 0)
         apc_fail(why, rc, "out of memory");
     if (rc == 0)
-        rc = window_of_run(&kpis, e, dir, (double)NAN, (double)NAN, why);
+        rc = window_of_run(&kpis, e, dir, (double)NAN, (double)NAN, NULL, why);
     if (rc == 0 && json) {
         struct text t = {.out = stdout};
         json_add(&t, "{experiment:%s, title:%s", e->name, e->title);

@@ -1,0 +1,210 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc monitor: which loops need somebody, and what is wrong with them. */
+#include <math.h>
+#include <stdlib.h>
+
+#include "apc/common/cli.h"
+#include "apc/common/print.h"
+#include "apc/folder/kpi_window.h"
+#include "experiment/experiment.h"
+
+struct monitor_options {
+    bool json;
+    const char *from, *to;
+    double horizon; /* s; 0: as health_series has it */
+};
+
+#define AT(member) .to = offsetof(struct monitor_options, member)
+static const struct option_spec own_options[] = {
+    {"json", 'J', NULL, "JSON on stdout", OPTION_FLAG, AT(json)},
+    {"from", 0, "TIME",
+     "From TIME on: s since the start of the run; of a store RFC 3339, or before now, as -10m, -2h, -1d; "
+     "default: a day before --to",
+     OPTION_TEXT, AT(from)},
+    {"to", 0, "TIME", "The same until TIME", OPTION_TEXT, AT(to)},
+    {"horizon", 0, "SECONDS",
+     "How far the least variance looks ahead; of a loop's dead time and a period more it is the Harris "
+     "index; default: 10 periods",
+     OPTION_NUMBER, AT(horizon), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
+    {0},
+};
+
+static const struct cli_spec spec = {
+    .args_doc = "[RUN]",
+    .doc =
+        "Judge each loop by its record, in run folder RUN or in the history of --store, the worst first. "
+        "Can its sensor be trusted? Does its valve stick? Does it swing, by itself or by something outside? "
+        "Do "
+        "deviations last? The index says how quiet it is beside the best that any controller could do: 1 is "
+        "the best. Judged is the longest time in service with one setpoint; less than 500 "
+        "ticks are too few.",
+    .takes = CLI_STORE | CLI_OWN_STORE,
+    .max_args = 1,
+    .options = own_options,
+};
+
+/* The worst first. */
+static int by_health(const void *left, const void *right)
+{
+    const struct health *a = &((const struct kpis_loop *)left)->health,
+                        *b = &((const struct kpis_loop *)right)->health;
+    if (a->verdict != b->verdict)
+        return a->verdict < b->verdict ? -1 : 1;
+    return (a->index > b->index) - (a->index < b->index);
+}
+
+/* ---- For people --------------------------------------------------------------------------- */
+
+static enum print_ink ink_of(enum health_verdict verdict)
+{
+    return verdict <= HEALTH_SWINGS ? PRINT_WARN : verdict == HEALTH_GOOD ? PRINT_PLAIN : PRINT_FAINT;
+}
+
+static int print_health(const struct kpis *m)
+{
+    static const struct print_column columns[] = {
+        {"loop", PRINT_LEFT},          {"health", PRINT_LEFT},    {"service %", PRINT_POINT},
+        {"at limits %", PRINT_POINT},  {"index", PRINT_POINT},    {"swing s", PRINT_POINT},
+        {"friction", PRINT_POINT},     {"travel/h", PRINT_POINT}, {"reversals/h", PRINT_POINT},
+        {"ticks judged", PRINT_POINT},
+    };
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (const struct kpis_loop *l = m->loop; l < m->loop + m->n_loops; l++) {
+        const struct health *h = &l->health;
+        print_cell(&table, PRINT_PLAIN, "%s", l->name);
+        print_cell(&table, ink_of(h->verdict), "%s", health_name(h->verdict));
+        print_number(&table, 4, 100 * l->service);
+        print_number(&table, 4, 100 * (l->low + l->high));
+        print_number(&table, 2, h->index);
+        print_number(&table, 3, h->swing);
+        print_number(&table, 2, h->friction);
+        print_number(&table, 3, h->travel);
+        print_number(&table, 3, h->reversals);
+        print_cell(&table, PRINT_PLAIN, "%zu", h->n);
+    }
+    return print_table_end(&table, stdout, cli_colour(), 0);
+}
+
+/* A verdict in a sentence, with what it rests on. */
+static void print_words(const struct kpis_loop *l)
+{
+    const struct health *h = &l->health;
+    printf("%s: %s", l->name, health_words(h->verdict));
+    if (h->verdict == HEALTH_SENSOR && h->still > 0)
+        printf("; it stood still for %.4g s", h->still);
+    if (h->verdict == HEALTH_SENSOR && h->jumps > 0)
+        printf("; %.2g %% of its rows jump off and back", 100 * h->jumps);
+    if (h->verdict == HEALTH_SENSOR && h->step > 0)
+        printf("; its steps are %.3g", h->step);
+    if (h->verdict == HEALTH_VALVE)
+        printf("; friction of %.2g leaves %.2g %% less unexplained, in each half of the record", h->friction,
+               100 * h->explained);
+    if (!isnan(h->swing))
+        printf("; it swings every %.3g s", h->swing);
+    if (!isnan(h->lasting))
+        printf(", %.0f %% of that is left many swings later", 100 * fmin(1, h->lasting));
+    puts("");
+}
+
+static int show_health(const struct kpis *m)
+{
+    const int rc = print_health(m);
+    size_t unknown = 0;
+    for (size_t i = 0; i < m->n_loops && rc == 0; i++) {
+        unknown += m->loop[i].health.verdict == HEALTH_UNKNOWN;
+        if (m->loop[i].health.verdict <= HEALTH_SLOW)
+            print_words(&m->loop[i]);
+    }
+    if (unknown > 0 && rc == 0)
+        printf("%zu of %zu: %s\n", unknown, m->n_loops, health_words(HEALTH_UNKNOWN));
+    return rc;
+}
+
+/* ---- For programs ------------------------------------------------------------------------- */
+
+static void show_json(const struct kpis *m)
+{
+    struct text t = {.out = stdout};
+    json_add(&t, "{from_s:%g, until_s:%g, loops:[", apc_ns_to_s(m->from), apc_ns_to_s(m->until));
+    for (const struct kpis_loop *l = m->loop; l < m->loop + m->n_loops; l++) {
+        const struct health *h = &l->health;
+        json_add(&t,
+                 "\n{loop:%s, health:%s, words:%s, ticks:%zu, service:%g, at_low:%g, at_high:%g, index:%g",
+                 l->name, health_name(h->verdict), health_words(h->verdict), h->n, l->service, l->low,
+                 l->high, h->index);
+        json_add(&t, "swing_s:%g, regularity:%g, lasting:%g, friction:%g, explained:%g", h->swing,
+                 h->regularity, h->lasting, h->friction, h->explained);
+        json_add(&t, "still_s:%g, jumps:%g, step:%g, travel_per_h:%g, reversals_per_h:%g}", h->still,
+                 h->jumps, h->step, h->travel, h->reversals);
+    }
+    json_add(&t, "\n]}\n");
+}
+
+/* ---- The command -------------------------------------------------------------------------- */
+
+static int monitor_run(const struct cli *cli, const struct monitor_options *o, struct kpis *m,
+                       struct apc_error *why)
+{
+    double from = (double)NAN, to = (double)NAN;
+    struct experiment e;
+    if (o->from && (apc_number_parse(o->from, &from) < 0 || from < 0))
+        return apc_fail(why, APC_EINVAL, "--from \"%s\": must be s since the start of the run, 0 or more",
+                        o->from);
+    if (o->to && (apc_number_parse(o->to, &to) < 0 || to < 0))
+        return apc_fail(why, APC_EINVAL, "--to \"%s\": must be s since the start of the run, 0 or more",
+                        o->to);
+    int rc = experiment_load(&e, cli->args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, why);
+    if (rc == 0)
+        rc = window_of_run(m, &e, cli->args[0], from, to, &o->horizon, why);
+    experiment_free(&e);
+    return rc;
+}
+
+static int monitor_store(const struct cli *cli, const struct monitor_options *o, struct kpis *m)
+{
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    apc_ns to = apc_clock_utc(NULL), from;
+    if (cli_time(cli, "to", o->to, &to) != EXIT_OK)
+        return EXIT_USAGE;
+    from = to - 86400 * APC_NS_PER_S;
+    if (cli_time(cli, "from", o->from, &from) != EXIT_OK)
+        return EXIT_USAGE;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return exit_code_of(rc);
+    rc = window_of_store(m, store, from, to, &o->horizon, &why);
+    apc_store_close(store);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+int command_monitor(int argc, char **argv)
+{
+    struct monitor_options options = {0};
+    struct kpis kpis = {0};
+    struct apc_error why;
+    struct cli cli;
+    int status = EXIT_OK;
+
+    cli_parse(&cli, &spec, &options, argc, argv);
+    if (cli.n_args == 0 && !cli.store)
+        return cli_usage(&cli, "expected a run folder, or --store");
+    if (cli.n_args > 0 && cli.store_given)
+        return cli_usage(&cli, "a run folder or --store: which of the two?");
+    if (cli.n_args == 0) {
+        status = monitor_store(&cli, &options, &kpis);
+    } else {
+        const int rc = monitor_run(&cli, &options, &kpis, &why);
+        status = rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
+    }
+    if (status == EXIT_OK && kpis.loop) {
+        qsort(kpis.loop, kpis.n_loops, sizeof *kpis.loop, by_health);
+        if (options.json)
+            show_json(&kpis);
+        else if (show_health(&kpis) < 0)
+            status = cli_error(&cli, APC_ENOMEM, "out of memory");
+    }
+    kpis_free(&kpis);
+    return cli_done(&cli, status);
+}

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc monitor: a loop that is well, one whose valve sticks, one that is tuned tightly.
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+cd "$work"
+
+# One setpoint over 4000 s, twice, and noise.
+sed -e 's/period = 150.0;.*/period = 4000.0;/; s/^duration.*/duration = 8000.0;/; s/sequence = .*/sequence = ( [10.0], [20.0] );/' \
+  -e 's/period = 2.0; .*T_s^c/period = 1.0;/; s/name = "y"; description = "measurement";/name = "y"; noise = 0.1;/' \
+  "$APC_SOURCE_DIR/experiments/first-order.conf" >well.conf
+sed 's/safe = 0.0; }/safe = 0.0; faults = ( { kind = "stiction"; at = 100.0; size = 0.2; jump = 0.1; } ); }/' well.conf >sticks.conf
+# judged RUN HEALTH [OPTION...]
+judged() {
+  local run=$1 health=$2
+  shift 2
+  [ "$("$apc" monitor "$run" --json "$@" | python3 -c 'import json, sys; print(json.load(sys.stdin)["loops"][0]["health"])')" = "$health" ] ||
+    fail "it is not $health: $("$apc" monitor "$run" "$@")"
+}
+"$apc" simulate well.conf --report well >/dev/null
+"$apc" simulate sticks.conf --report sticks >/dev/null
+"$apc" simulate well.conf --set 'controller.tuning.[0].Kp=1.6' --report tight >/dev/null
+# Types(docs/monitor.md): apc monitor RUN
+judged well good
+judged sticks valve
+judged tight tight
+judged well unknown --to 400
+"$apc" monitor sticks >said
+grep -qE '^u: the valve sticks .* friction of 0\.[12]' said || fail "no word of the valve: $(cat said)"
+
+"$apc" monitor well --to -5 >said 2>&1 && fail "a time before the run"
+grep -q 'must be s since the start of the run' said || fail "no word of the time: $(cat said)"
