@@ -45,6 +45,12 @@ for name in apc-plant apc-client apc-controller apc-scheduler; do
   [ "$locked" = 0 ] || grep -q 'locked in memory: [1-9][0-9.]* MB of its own, [1-9][0-9.]* MB of' "$work/out/$name.log" || fail "$name does not say what it has locked"
 done
 
+# nor do they load what a static library of CVODE names and never calls
+if ! nm -D --undefined-only "$APC_BUILD_DIR/lib/libapc.so" | grep -q CVodeCreate; then
+  loaded=$(grep -oE '/lib(sundials|mpi|ucp|open-pal|blas|lapack)[^/]*$' "/proc/$(daemon apc-plant)/maps" | sort -u) || true
+  [ -z "$loaded" ] || fail "apc-plant has loaded $loaded"
+fi
+
 # a second run on the same segment is refused and names who is there
 expect 4 'sensor 1 of shm:.* is already written by apc-client' "$apc" run "$work/fast.conf" --duration 1 --out "$work/second"
 
