@@ -301,10 +301,12 @@ int apc_algebraic_check(struct apc_algebraic *algebraic, double t, const double 
         size_t row = k, column = 0;
         const double *best;
 
-        for (size_t i = k * n; i < n * n; i++) {
-            if (fabs(a->slopes[i]) > fabs(a->slopes[row * n + column])) {
-                row = i / n;
-                column = i % n;
+        for (size_t i = k; i < n; i++) {
+            for (size_t j = 0; j < n; j++) {
+                if (fabs(a->slopes[i * n + j]) > fabs(a->slopes[row * n + column])) {
+                    row = i;
+                    column = j;
+                }
             }
         }
         if (fabs(a->slopes[row * n + column]) < SINGULAR)

@@ -117,7 +117,7 @@ class Model:
         check(lib.apc_model_linearize(self._model, pointer(p_), pointer(x_), pointer(u_), pointer(a), pointer(b),
                                       pointer(c), pointer(d), reason), reason)
         y = np.zeros(self.ny)
-        self._model.g(0.0, pointer(x_), pointer(u_), pointer(p_), pointer(y))
+        check(lib.apc_model_evaluate(self._model, pointer(p_), pointer(x_), pointer(u_), ffi.NULL, pointer(y), reason), reason)
         return Linear(a, b, c, d, x_, u_, y, self.nd)
 
     def equilibrium(self, u: Optional["ArrayLike"] = None, x: Optional["ArrayLike"] = None,
@@ -129,9 +129,9 @@ class Model:
         check(lib.apc_model_equilibrium(self._model, pointer(p_), pointer(u_), pointer(found), reason), reason)
         return found  # type: ignore[no-any-return]
 
-    def plant(self, x0: Optional["ArrayLike"] = None, p: Optional[Parameters] = None, integrator: str = "cvode",
+    def plant(self, x0: Optional["ArrayLike"] = None, p: Optional[Parameters] = None, integrator: Optional[str] = None,
               dead_time: float = 0.0) -> "Integrated":
-        """One of these, to be advanced: at state x0 [nx]."""
+        """One of these, to be advanced: at state x0 [nx]. Integrator None: "cvode", or "ida" where there are algebraic equations."""
         return Integrated(self, x0, p, integrator, dead_time)
 
     def _parameters(self, p: Optional[Parameters]) -> Any:
@@ -169,10 +169,10 @@ def linearize(model: Union[Model, str], x: Optional["ArrayLike"] = None, u: Opti
 class Integrated:
     """A model with its parameters, its state and an integrator."""
 
-    def __init__(self, model: Model, x0: Optional["ArrayLike"], p: Optional[Parameters], integrator: str,
+    def __init__(self, model: Model, x0: Optional["ArrayLike"], p: Optional[Parameters], integrator: Optional[str],
                  dead_time: float) -> None:
         out, reason, options = ffi.new("struct apc_plant **"), why(), ffi.new("struct apc_plant_options *")
-        called = ffi.new("char[]", utf8("integrator", integrator))
+        called = ffi.NULL if integrator is None else ffi.new("char[]", utf8("integrator", integrator))
         options.size, options.integrator, options.dead_time = ffi.sizeof(options[0]), called, dead_time
         p_, x_ = model._parameters(p), None if x0 is None else doubles("x0", x0, model.nx)
         check(lib.apc_plant_create(out, model._model, pointer(p_), pointer(x_), options, reason), reason)

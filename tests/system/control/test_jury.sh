@@ -10,15 +10,7 @@ skip() {
   exit 77
 }
 [ -z "${APC_SANITIZE:-}" ] || skip "what is preloaded comes before a sanitizer"
-peers=$APC_BUILD_DIR/tests/solvers
-exec 9>"$peers.lock"
-flock 9
-if [ ! -d "$peers/casadi" ]; then
-  python3 -m pip install --quiet --no-deps --require-hashes --target "$peers.new" -r "$APC_SOURCE_DIR/tests/peers/solvers.txt" \
-    >"$peers.log" 2>&1 || skip "casadi cannot be had here (Python 3.11 on x86-64, with pip): see $peers.log"
-  mv "$peers.new" "$peers"
-fi
-exec 9>&-
+python_peers solvers.txt
 [[ $(ldd "$apc") == *libapc.so* ]] || skip "apc is not linked to libapc.so: nothing can stand between"
 "${CC:-cc}" -std=c11 -D_GNU_SOURCE -shared -fPIC -I"$APC_SOURCE_DIR/include" "$APC_SOURCE_DIR/tests/peers/qp_log.c" -o "$work/log.so" -ldl ||
   fail "the logger does not compile"

@@ -375,7 +375,7 @@ static void a_model_of_the_abi_before_still_works(void **state)
 static void the_linear_model_is_that_of_the_states_alone(void **state)
 {
     const double x = 1.5, u = 0.5;
-    double a, b, c, d, dx, y, z1 = 0.0, slope;
+    double a = 0.0, b = 0.0, c = 0.0, d = 0.0, dx = 0.0, y = 0.0, z1 = 0.0, slope;
 
     (void)state;
     for (int k = 0; k < 50; k++) /* (z1 + u) / 2 + z1^3 = x */
