@@ -303,8 +303,8 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
                                         "actions",    "share",  "expect", NULL};
     struct scenario *of = r->of;
     char name[EXPERIMENT_PATH] = "", path[EXPERIMENT_PATH];
-    settings_known(&r->s, root, known);
     settings_text(&r->s, root, "experiment", REQUIRED, name, sizeof name);
+    settings_known(&r->s, root, known);
     if (r->s.failed)
         return;
     resolve_experiment(r, name, path);

@@ -57,9 +57,11 @@ int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n
         }
         nearest_look(&nearest, tags[i].name);
     }
-    return apc_fail(why, APC_ENOTFOUND, "there is no \"%s\" to be %s%s%s%s", name, write ? "set" : "read",
-                    nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
-                    nearest.name ? "\"?" : "");
+    if (nearest.name)
+        return apc_fail(why, APC_ENOTFOUND, "there is no \"%s\" to be %s: did you mean \"%s\"?", name,
+                        write ? "set" : "read", nearest.name);
+    return apc_fail(why, APC_ENOTFOUND, "there is no \"%s\" to be %s", name,
+                    write ? "set: expected a setpoint, an output or a tuning parameter" : "read");
 }
 
 int action_check(const struct apc_tag *tag, double value, struct apc_error *why)

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "experiment.h"
 #include "files/files.h"
@@ -147,10 +148,16 @@ static void read_model_text(struct settings *s, const config_setting_t *member, 
         settings_fail(s, member, "%s", why.text);
     else if (rc < 0)
         settings_fail(s, member, "%s has no parameter \"%s\"%s%s%s", owner->name, name,
-                      nearest->name      ? ": did you mean \""
-                      : owner->n + n > 0 ? ""
-                                         : "; it has none at all",
-                      nearest->name ? nearest->name : "", nearest->name ? "\"?" : "");
+                      nearest->name          ? ": did you mean \""
+                      : owner->n + n == 0    ? "; it has none at all"
+                      : owner->model != NULL ? "; `apc plants "
+                                             : "; `apc laws ",
+                      nearest->name       ? nearest->name
+                      : owner->n + n == 0 ? ""
+                                          : owner->name,
+                      nearest->name       ? "\"?"
+                      : owner->n + n == 0 ? ""
+                                          : "` shows what it has");
 }
 
 /* Names of a group of parameters are those of the law or the model; absent ones keep their initial value.
@@ -711,11 +718,16 @@ static int take_recorded_settings(struct experiment *e, const struct record *rec
     return models_network(&e->models, e->net, why);
 }
 
-void experiment_path(const char *name, char path[EXPERIMENT_PATH])
+int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
+                    struct apc_error *why)
 {
     struct stat at;
-    snprintf(path, EXPERIMENT_PATH,
-             stat(name, &at) == 0 && S_ISDIR(at.st_mode) ? "%.500s/run.conf" : "%.510s", name);
+    const bool folder = stat(name, &at) == 0 && S_ISDIR(at.st_mode);
+    snprintf(path, EXPERIMENT_PATH, folder ? "%.500s/run.conf" : "%.510s", name);
+    int rc = record_read(record, path, why);
+    if (rc == 0 && folder && access(path, F_OK) != 0)
+        rc = apc_fail(why, APC_ENOTFOUND, "%s is no run folder: it has no run.conf", name);
+    return rc == 0 ? settings_read(path, text, why) : rc;
 }
 
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
@@ -753,10 +765,7 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
     struct record record;
 
     memset(e, 0, sizeof *e);
-    experiment_path(name, file);
-    int rc = record_read(&record, file, why);
-    if (rc == 0)
-        rc = settings_read(file, &text, why);
+    int rc = experiment_read(name, file, &record, &text, why);
     if (rc == 0 && overrides && (overrides->n_set > 0 || overrides->model_file))
         rc = experiment_parse_changed(
             e, &(struct experiment_source){.file = file, .text = text, .record = &record}, parts, overrides,

@@ -287,9 +287,6 @@ int experiment_line(const struct experiment *e, const char *path, char **line, s
  * within the parameter's limits. Returns 0, or APC_ERANGE: none lies there. */
 int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct apc_error *why);
 
-/* The file of an experiment: of a run folder its run.conf. */
-void experiment_path(const char *name, char path[EXPERIMENT_PATH]);
-
 /* The experiment's text with its model files in it, so that it is whole: *text, to be freed. Returns 0 or a
  * negative error. */
 int model_files_embed(const struct experiment *e, char **text, struct apc_error *why);
@@ -509,6 +506,11 @@ struct record {
  */
 int record_read(struct record *record, const char *file, struct apc_error *why);
 void record_free(struct record *record);
+
+/* The file of an experiment, of a run folder its run.conf: *text, to be freed, and what is recorded beside it. Returns 0
+ * or a negative error. */
+int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
+                    struct apc_error *why);
 
 /* Where a run's data are and its record goes, as it was named to people; "": not recorded. */
 struct record_stores {

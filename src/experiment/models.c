@@ -301,9 +301,10 @@ static int set_network_member(struct models *m, const char *name, const char *va
         return 0;
     }
     if (strcmp(name, "outage") != 0)
-        return apc_fail(why, APC_EINVAL,
-                        "there is no \"%s\": delay, jitter, loss, duplication, reordering, bandwidth, outage",
-                        name);
+        return apc_fail(
+            why, APC_EINVAL,
+            "there is no \"%s\"; there are: delay, jitter, loss, duplication, reordering, bandwidth, outage",
+            name);
     snprintf(window, sizeof window, "%s", value);
     if ((dash = strchr(window, '-')))
         *dash = '\0';

@@ -477,7 +477,9 @@ void settings_numbers(struct settings *s, const config_setting_t *array, size_t 
         return;
     if (!config_setting_is_aggregate(array) || config_setting_is_group(array) ||
         config_setting_length(array) != (int)n) {
-        settings_fail(s, array, "expected %zu number%s in brackets", n, n == 1 ? "" : "s");
+        const char *name = config_setting_name(array);
+        settings_fail(s, array, "%s%s%sexpected %zu number%s in brackets", name ? "\"" : "", name ? name : "",
+                      name ? "\": " : "", n, n == 1 ? "" : "s");
         return;
     }
     for (size_t i = 0; i < n; i++)

@@ -45,7 +45,7 @@ static int open_plain(struct apc_store **store, const char *uri, const struct ap
     bool shown = scheme < 32 && uri[scheme] == ':';
     return apc_fail(why, APC_EINVAL,
                     "%s%.*s%s: expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
-                    shown ? "unknown store \"" : "a store that does not begin with what it is",
+                    shown ? "unknown store \"" : "the name of a store does not begin with its kind",
                     shown ? (int)scheme + 1 : 0, uri, shown ? "\"" : "");
 }
 

@@ -69,9 +69,7 @@ int apc_experiment_load(struct apc_experiment **out, const char *file, const cha
     if (text)
         snprintf(path, sizeof path, "%s", file);
     else
-        experiment_path(file, path);
-    if (!text && (rc = record_read(&e->record, path, why)) == 0)
-        rc = settings_read(path, &own, why);
+        rc = experiment_read(file, path, &e->record, &own, why);
     if (rc == 0)
         rc = read_experiment(
             &e->now,

@@ -157,5 +157,7 @@ int command_cert(int argc, char **argv)
         return make_certificate(&cli, &o, ROLE_AUTHORITY, name ? name : "apc-authority");
     if ((plant || !strcmp(what, "client")) && name)
         return make_certificate(&cli, &o, plant ? ROLE_PLANT : ROLE_CLIENT, name);
-    return cli_usage(&cli, "must be authority (which is never replaced), plant NAME, client NAME or list");
+    return cli_usage(
+        &cli, "\"%s%s%s\": must be authority (which is never replaced), plant NAME, client NAME or list",
+        what, name ? " " : "", name ? name : "");
 }

@@ -142,7 +142,8 @@ int command_user(int argc, char **argv)
                making = !strcmp(what, "token"), revoking = !strcmp(what, "revoke");
     if ((!listing && !adding && !making && !revoking && strcmp(what, "remove") != 0) ||
         listing == (name != NULL))
-        return cli_usage(&cli, "must be list, add NAME, remove NAME, token NAME or revoke NAME");
+        return cli_usage(&cli, "\"%s%s%s\": must be list, add NAME, remove NAME, token NAME or revoke NAME",
+                         what, name ? " " : "", name ? name : "");
     if (o.days > 0 && !making)
         return cli_usage(&cli, "--days is of a token: apc user token NAME --days N");
     if (!users_path(o.file, path))

@@ -174,9 +174,11 @@ static int read_csv(struct reading *r)
     struct table t = {.time = NO_TIME};
     int rc;
 
-    if (r->inputs == 0 || r->outputs == 0)
-        return apc_fail(r->why, APC_EINVAL, "%s: --inputs and --outputs must name columns", r->file);
     rc = csv_open(&t.csv, r->file, r->why);
+    if (rc == 0 && (r->inputs == 0 || r->outputs == 0))
+        rc =
+            apc_fail(r->why, APC_EINVAL,
+                     "%s: --inputs and --outputs must name columns, as --inputs u1 --outputs y1,y2", r->file);
     if (rc == 0)
         rc = name_columns(r, &t);
     while (rc == 0 && (rc = csv_next(t.csv, r->why)) > 0)

@@ -30,7 +30,8 @@ struct session {
     struct past past;
     struct apc_store *store; /* its own */
     struct alarm_summary summary;
-    apc_ns now; /* UTC of the last read */
+    apc_ns now;      /* UTC of the last read */
+    apc_ns duration; /* of --for */
 };
 
 #define AT(member) .to = offsetof(struct alarm_options, member)
@@ -403,13 +404,7 @@ static int each(struct session *s, enum apc_alarm_switch which, double value)
 
 static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double value)
 {
-    const bool all = s->options.all && which == APC_ALARM_ACK;
-    if (s->cli.n_args < 2 && !all)
-        return cli_usage(&s->cli, "%s wants the name of an alarm", s->cli.args[0]);
-    if (s->options.reason && strlen(s->options.reason) > REASON_MAX)
-        return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
-                         strlen(s->options.reason), REASON_MAX);
-    s->options.all = all;
+    s->options.all = s->options.all && which == APC_ALARM_ACK;
     if (!s->cli.no_wait && !alarm_summary_lives(&s->summary, s->now)) {
         say_life(s);
         return cli_error(&s->cli, APC_EPERM,
@@ -421,23 +416,37 @@ static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double 
 
 static int shelve(struct session *s)
 {
-    apc_ns duration = 0;
-    if (!s->options.for_)
-        return cli_usage(&s->cli, "shelve wants an end: --for 30m");
-    if (cli_duration(&s->cli, "for", s->options.for_, &duration) != EXIT_OK)
-        return EXIT_USAGE;
-    const double until = floor(apc_ns_to_s(s->now + duration));
+    const double until = floor(apc_ns_to_s(s->now + s->duration));
     return want_of_alarm(s, APC_ALARM_SHELF, s->options.once ? -until : until);
+}
+
+/* EXIT_OK, or what is wrong is said. */
+static int check_request(struct session *s)
+{
+    static const char *const known[] = {"list", "journal", "ack", "shelve", "unshelve", "out", "in"};
+    const char *what = s->cli.args[0];
+    size_t k = 0;
+    while (k < sizeof known / sizeof known[0] && strcmp(what, known[k]) != 0)
+        k++;
+    if (k == sizeof known / sizeof known[0])
+        return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in or journal", what);
+    if (k < 2 && s->cli.n_args > 1)
+        return cli_usage(&s->cli, "%s takes no names", what);
+    if (s->options.at && k != 0)
+        return cli_usage(&s->cli, "--at is of list only");
+    if (k >= 2 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))
+        return cli_usage(&s->cli, "%s wants the name of an alarm", what);
+    if (k >= 2 && s->options.reason && strlen(s->options.reason) > REASON_MAX)
+        return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
+                         strlen(s->options.reason), REASON_MAX);
+    if (!strcmp(what, "shelve") && !s->options.for_)
+        return cli_usage(&s->cli, "shelve wants an end: --for 30m");
+    return cli_duration(&s->cli, "for", s->options.for_, &s->duration);
 }
 
 static int act_on_alarms(struct session *s)
 {
     const char *what = s->cli.args[0];
-    const bool alone = !strcmp(what, "list") || !strcmp(what, "journal");
-    if (alone && s->cli.n_args > 1)
-        return cli_usage(&s->cli, "%s takes no names", what);
-    if (s->past.is && strcmp(what, "list") != 0)
-        return cli_usage(&s->cli, "--at is of list only");
     if (!strcmp(what, "list"))
         return list_alarms(s);
     if (!strcmp(what, "journal"))
@@ -448,9 +457,7 @@ static int act_on_alarms(struct session *s)
         return shelve(s);
     if (!strcmp(what, "unshelve"))
         return want_of_alarm(s, APC_ALARM_SHELF, 0);
-    if (!strcmp(what, "out") || !strcmp(what, "in"))
-        return want_of_alarm(s, APC_ALARM_SERVICE, *what == 'o');
-    return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in or journal", what);
+    return want_of_alarm(s, APC_ALARM_SERVICE, *what == 'o');
 }
 
 int command_alarm(int argc, char **argv)
@@ -458,10 +465,13 @@ int command_alarm(int argc, char **argv)
     struct session s = {.cli = {.command = "apc alarm"}};
     struct apc_error why;
     cli_parse(&s.cli, &spec, &s.options, argc, argv);
-    int rc = exit_code_of(past_open(&s.cli, s.options.at, &s.past));
+    int rc = check_request(&s);
+    if (rc != EXIT_OK)
+        return rc;
+    rc = exit_code_of(past_open(&s.cli, s.options.at, &s.past));
     s.store = s.past.store;
     if (rc == EXIT_OK && (rc = alarm_summary_open(&s.summary, s.store, &why)) < 0)
-        rc = cli_error(&s.cli, rc, "%s", why.text);
+        rc = rc == APC_ECONN ? cli_store_error(&s.cli, rc, s.store) : cli_error(&s.cli, rc, "%s", why.text);
     if (rc == EXIT_OK)
         rc = read_alarm_summary(&s);
     if (rc == EXIT_OK)

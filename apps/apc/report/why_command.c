@@ -219,6 +219,8 @@ static int explain_move(struct why_command *c)
     if (rc == 0 && c->cli.format == CLI_JSON)
         printf("%.*s\n", (int)json.n, json.at);
     text_free(&json);
+    if (rc == APC_ECONN && c->question.store)
+        return cli_store_error(&c->cli, rc, c->question.store);
     return rc < 0 ? cli_error(&c->cli, rc, "%s", why.text) : EXIT_OK;
 }
 

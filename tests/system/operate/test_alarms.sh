@@ -68,6 +68,8 @@ expect 0 'r\.high +Acknowledged Active' "$apc" alarm journal
 
 # Promise(alarms/acknowledge-once-told)
 expect 2 'shelve wants an end' "$apc" alarm shelve r.high
+expect 2 '"hide": must be list, ack' "$apc" alarm hide --store shm:none # before any store is asked
+expect 2 'ack wants the name of an alarm' "$apc" alarm ack --store shm:none
 expect 4 'r.high may be shelved for up to 8 h$' "$apc" alarm shelve r.high --for 9h
 long=$(printf 'x%.0s' {1..81}) # bytes
 # Promise(page/reason-goes-write)

@@ -278,7 +278,7 @@ static void what_the_command_line_must_not_say_is_refused(void **state)
         {"fast", "\"fast\": expected NAME=VALUE, as delay=0.004"},
         {"loss=0.5,fast", "\"fast\": expected NAME=VALUE"},
         {"loss=0.5,,delay=1", "\"\": expected NAME=VALUE"},
-        {"speed=3", "there is no \"speed\": delay, jitter,"},
+        {"speed=3", "there is no \"speed\"; there are: delay, jitter,"},
         {"loss=much", "loss=much: must be a number"},
         {"loss=1.5", "loss is 1.5; it is a probability"},
         {"bandwidth=-1", "bandwidth is -1"},

@@ -728,7 +728,7 @@ static void test_what_is_opened_has_a_kind_and_options(void **state)
     not_opened(scheme, NULL, text);
     memset(scheme, 'x', sizeof scheme);
     snprintf(scheme + 32, sizeof scheme - 32, ":y");
-    snprintf(text, sizeof text, "a store that does not begin with what it is: %s", expected);
+    snprintf(text, sizeof text, "the name of a store does not begin with its kind: %s", expected);
     not_opened(scheme, NULL, text);
     not_opened("file.db", NULL, text);
     not_opened("joe@host:secret", NULL, text);

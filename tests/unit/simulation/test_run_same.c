@@ -107,13 +107,6 @@ static int count_event(void *ctx, const struct apc_event *e)
     return 0;
 }
 
-/* What became of it, and why not. */
-static void count_outcome(struct sum *sum, const struct apc_simulation *s, int rc)
-{
-    count(sum, rc);
-    count_text(sum, rc < 0 ? apc_simulation_error(s) : "");
-}
-
 static void count_figures(struct sum *sum, const struct apc_simulation *s)
 {
     struct apc_figure f[40] = {{.size = sizeof *f}};
@@ -175,14 +168,14 @@ static void operate(struct sum *sum, struct apc_simulation *s, const char *const
         struct apc_value value = {0};
         const int rc = apc_simulation_read(s, name[i], &value);
 
-        count_outcome(sum, s, rc);
+        count(sum, rc);
         count(sum, value.value);
         if ((step + (int)i) % 3 == 0)
-            count_outcome(sum, s, apc_simulation_mode(s, name[i], mode[(size_t)step / 3 % 4]));
+            count(sum, apc_simulation_mode(s, name[i], mode[(size_t)step / 3 % 4]));
         if ((step + (int)i) % 4 == 1)
-            count_outcome(sum, s, apc_simulation_write(s, name[i], value.value * (step % 2 ? 1.05 : 0.97)));
+            count(sum, apc_simulation_write(s, name[i], value.value * (step % 2 ? 1.05 : 0.97)));
         if ((step + (int)i) % 5 == 2)
-            count_outcome(sum, s, apc_simulation_do(s, what[(size_t)step % 6], name[i]));
+            count(sum, apc_simulation_do(s, what[(size_t)step % 6], name[i]));
     }
 }
 
@@ -197,35 +190,34 @@ static void with_an_operator_they_give_the_same_numbers(void **state)
         {"alarms/pump-failure",
          {"h1", "r1", "F1", "F2", "controller", "controller.F1.Kp", "none"},
          480,
-         60690.313075680,
+         55354.641356967,
          {NULL}},
         {"double-tank-override",
          {"h2", "r", "h1_max", "u", "upper", "want", "levels", "choose", "smooth", "levels.want", "none"},
          240,
-         116463.219004294,
+         103830.173625668,
          {"controllers.levels.want.Kp=30", "plant.initial.h1=0.1"}},
         {"four-tank-mpc",
          {"h1", "r1", "r2", "F1", "controller", "none"},
          480,
-         83012.338758135,
+         77999.906615852,
          {"outputs.F1.high=350"}},
-        {"temperature-lab", {"T1", "r2", "Q1", "Q2", "controller", "none"}, 240, 41911.006113906, {NULL}},
+        {"temperature-lab", {"T1", "r2", "Q1", "Q2", "controller", "none"}, 240, 40132.287308349, {NULL}},
         {"two-layers",
          {"y1", "r1", "w1", "w2", "v1", "base", "upper", "upper.r1", "base.v2", "none"},
          240,
-         101753.931620952,
+         91062.776983500,
          {NULL}},
         {"two-layers-mpc",
          {"y2", "r1", "w1", "w2", "v1", "base", "upper", "upper.r2", "none"},
          240,
-         119169.432123383,
+         107398.475831559,
          {NULL}},
     };
     size_t wrong = 0;
 
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        static char text[65536];
         struct apc_experiment *e;
         struct apc_simulation *s = NULL;
         struct apc_error why = {""};
@@ -240,10 +232,7 @@ static void with_an_operator_they_give_the_same_numbers(void **state)
 
             snprintf(path, sizeof path, "%.*s", (int)n, of[i].set[k]);
             count(&sum, apc_experiment_set(e, path, of[i].set[k] + n + 1, &why));
-            count_text(&sum, why.text[0] == '/' ? strrchr(why.text, '/') : why.text);
         }
-        assert_in_range(apc_experiment_text(e, text, sizeof text), 1, sizeof text - 1);
-        count_text(&sum, text);
         if (apc_simulation_create(&s, e, NULL, &why) < 0)
             fail_msg("%s", why.text);
         for (int step = 0; step < STEPS; step++) {

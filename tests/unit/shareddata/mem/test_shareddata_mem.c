@@ -136,7 +136,7 @@ static void test_a_store_of_no_kind_is_named_without_what_may_be_secret(void **s
     assert_non_null(strstr(why.text, "unknown store \"postgres-ql:\": expected"));
     assert_int_equal(apc_store_open(&store, "joe/secret:x", NULL, &why), APC_EINVAL);
     assert_null(strstr(why.text, "joe"));
-    assert_non_null(strstr(why.text, "does not begin with what it is: expected"));
+    assert_non_null(strstr(why.text, "does not begin with its kind: expected"));
 }
 
 static void test_a_name_too_long_is_refused(void **state)
