@@ -13,15 +13,21 @@
 #include "apcmath.h"
 #include "base/parts.h"
 
-enum { OLD = 6, LAGS = 24, UNKNOWNS = OLD + LAGS, SIZES = 18, JUMPS = 4 };
+enum { OLD = 6, LAGS = 24, UNKNOWNS = OLD + LAGS, SIZES = 18, JUMPS = 4, TOGETHER = 8 };
 
 void lagged_products(const double *a, const double *b, size_t n, size_t m, double *to)
 {
-    for (size_t k = 0; k <= m; k++) {
-        double sum = 0;
-        for (size_t t = k; t < n; t++)
-            sum += a[t] * b[t - k];
-        to[k] = sum / (double)n;
+    for (size_t k = 0; k <= m; k += TOGETHER) {
+        const size_t lags = m + 1 - k < TOGETHER ? m + 1 - k : TOGETHER, all = k + TOGETHER - 1;
+        double sum[TOGETHER] = {0};
+        for (size_t j = 0; j < lags; j++)
+            for (size_t t = k + j; t < all && t < n; t++)
+                sum[j] += a[t] * b[t - k - j];
+        for (size_t t = all; t < n; t++)
+            for (size_t j = 0; j < TOGETHER; j++)
+                sum[j] += a[t] * b[t - k - j];
+        for (size_t j = 0; j < lags; j++)
+            to[k + j] = sum[j] / (double)n;
     }
 }
 

@@ -14,7 +14,7 @@
 static const double none = (double)NAN;
 
 /* Nothing of these was fitted to a plant: test_figures_health.c counts what they get wrong. */
-enum { ORDER = 30, LAGS = 3000, CROSSINGS = 11, COARSE = 8, FAR = 15 };
+enum { ORDER = 30, LAGS = 1500, CROSSINGS = 11, COARSE = 8, FAR = 15 };
 static const double strong = 0.1;    /* correlation a swing later, of an oscillation that counts */
 static const double undamped = 0.55; /* of it is left FAR swings later, where nothing damps it */
 static const double often_limited = 0.2, poor = 0.2, quantized = 0.25, jump_share = 5e-4;
