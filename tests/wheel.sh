@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # tests/wheel.sh WHEEL [PYTHON...]: for each interpreter (default those of 3.9 to 3.13 in PATH and of pyenv), install the wheel of
-# scripts/wheel into a fresh environment, simulate and run an experiment with its programs and do the Python tests. Nothing of the
-# project and no compiler is in PATH. Takes pip's index. By hand, before a release.
+# scripts/wheel into a fresh environment, simulate and run an experiment with its programs and do the Python tests; and see pip refuse
+# it on other platforms. Nothing of the project and no compiler is in PATH. Takes pip's index. By hand, before a release.
 set -euo pipefail
 top=$(cd "$(dirname "$0")/.." && pwd)
 wheel=$(realpath "$1")
@@ -19,6 +19,12 @@ cp -r "$top/python/tests" "$work/tests"
 # What documents show of the same experiment.
 hash=$(sed -n 's/^sha256: *//p' "$top/docs/simulate.md" | head -n 1)
 [ -n "$hash" ] || { echo "tests/wheel.sh: docs/simulate.md shows no hash" >&2; exit 1; }
+# Where it cannot run, pip says so before it installs anything.
+for platform in musllinux_1_2_x86_64 manylinux_2_31_x86_64 linux_armv7l win_amd64; do
+  ! "$1" -m pip install --disable-pip-version-check --no-deps --only-binary :all: --platform $platform --target "$work/elsewhere" "$wheel" >"$work/log" 2>&1 ||
+    { echo "tests/wheel.sh: pip has installed it on $platform" >&2; exit 1; }
+  grep -q 'is not a supported wheel on this platform' "$work/log" && [ ! -e "$work/elsewhere" ] || { cat "$work/log"; exit 1; }
+done
 for python; do
   version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
   user=$work/$version
