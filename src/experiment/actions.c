@@ -218,9 +218,34 @@ static int write_rows(struct apc_store *store, const struct loops *loops, const 
     return owner_put(store, loops, rows, action->n, with);
 }
 
+/* The alarm as its operator sees it: that is what is acknowledged. Where there is nothing, nothing is written. */
+static int do_ack(struct apc_store *store, const struct apc_tag *alarm, const struct action *action,
+                  apc_ns now, const char *source)
+{
+    struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
+    struct apc_sample seen = {.table = APC_ALARM, .id = action->alarm}, wish = action->to;
+    const int author = apc_store_author(store, source);
+    int rc = author < 0 ? author : apc_store_read(store, &seen, 1);
+    const enum apc_alarm_state state = seen.seq > 0 ? (enum apc_alarm_state)seen.value : APC_ALARM_NORMAL;
+    const bool is = apc_alarm_is_unacked(state) || apc_alarm_is_latched(state);
+    if (rc < 0)
+        return rc;
+    wish.value = (double)seen.seq;
+    wish.time = now;
+    wish.seq = APC_SEQ_ANY;
+    wish.author = (uint32_t)author;
+    rc = is ? apc_store_put(store, &wish, 1) : 0;
+    snprintf(event.source, sizeof event.source, "%s", source);
+    snprintf(event.text, sizeof event.text, "%.64s: %s", alarm ? alarm->name : "",
+             is ? "acknowledged" : "there is nothing to acknowledge");
+    return rc < 0 ? rc : apc_store_append_events(store, &event, 1);
+}
+
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
               const struct action *action, apc_ns now, const char *source)
 {
+    if (action->alarm)
+        return do_ack(store, find_id(tags, n, APC_ALARM, action->alarm), action, now, source);
     struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
     struct apc_sample before = action->to, *rows = calloc(action->n, sizeof *rows);
     struct owner_rows with = {NULL, 0};
@@ -253,9 +278,9 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
 /* ---- The list ------------------------------------------------------------------------------ */
 
 /* What can be done, and what will be. */
-static const char *const done[] = {"set", "mode", "remote", "local", "promote", "kill", "start", NULL};
-static const char *const to_come[] = {"ack", "shelve", "service", NULL};
-#define POSSIBLE "set, mode, remote, local, promote, kill and start"
+static const char *const done[] = {"set", "mode", "remote", "local", "promote", "kill", "start", "ack", NULL};
+static const char *const to_come[] = {"shelve", "service", NULL};
+#define POSSIBLE "set, mode, remote, local, promote, kill, start and ack"
 
 static bool is_target_name(const char *name, const char *const *names)
 {
@@ -356,6 +381,25 @@ static void read_life(struct settings *s, const config_setting_t *group, const c
         action->controller = (size_t)(c - e->controllers);
 }
 
+static void read_ack(struct settings *s, const config_setting_t *group, const char *name,
+                     struct action *action, const struct experiment *e)
+{
+    struct nearest nearest = {.wanted = name};
+    size_t i = 0;
+    while (i < e->n_alarms && strcmp(e->alarm[i].name, name) != 0)
+        nearest_look(&nearest, e->alarm[i++].name);
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "who acknowledges an alarm gives no \"value\"");
+    else if (i == e->n_alarms)
+        settings_fail(s, group, "there is no alarm \"%s\"%s%s%s", name,
+                      nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                      nearest.name ? "\"?" : "");
+    action->alarm = (int)i + 1;
+    action->to =
+        (struct apc_sample){.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, action->alarm)};
+    action->n = 1;
+}
+
 static void read_action(struct settings *s, const config_setting_t *group, const struct experiment *e,
                         struct action *action, const struct apc_tag *tags, size_t n)
 {
@@ -377,6 +421,8 @@ static void read_action(struct settings *s, const config_setting_t *group, const
         read_action_owner(s, group, name, !strcmp(what, "remote"), action, e);
     else if (!strcmp(what, "promote"))
         read_promotion(s, group, name, action, e);
+    else if (!strcmp(what, "ack"))
+        read_ack(s, group, name, action, e);
     else
         read_life(s, group, name, action, e);
 }

@@ -150,6 +150,7 @@ struct action {
     struct apc_sample to; /* the variable of the operator's, and its value, */
     size_t n;             /* and of how many ids from this one on: a controller's loops */
     bool local;           /* to is written only where a loop is in Cas: else its setpoint is Local already */
+    int alarm;            /* that is acknowledged, its number; 0: none */
     size_t controller;    /* that is killed or started, by its place */
 };
 
@@ -439,8 +440,8 @@ int action_find_promotion(const struct experiment *e, const char *name, struct a
  * from there, as it is. Fills action->to, n and local. Returns 0 or a negative error. */
 int action_find_owner(const struct experiment *e, const char *name, bool remote, struct action *action,
                       struct apc_error *why);
-/* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it.
- * Returns 0 or the store's error. */
+/* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it. An alarm
+ * is acknowledged as it stands; where there is nothing to acknowledge only the event is put. Returns 0 or the store's error. */
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
               const struct action *action, apc_ns now, const char *source);
 

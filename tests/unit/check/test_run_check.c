@@ -323,6 +323,27 @@ static void a_mistake_has_the_line_of_the_scenario(void **state)
     }
 }
 
+/* What becomes of the expectations of a scenario. */
+static void assert_becomes(const char *text, const enum check_is *is, size_t n)
+{
+    struct scenario scenario;
+    struct check_verdict verdict[8];
+    struct check_end ended;
+    struct apc_error why;
+    if (load_text(&scenario, text, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(scenario.n_expect, n);
+    assert_int_equal(scenario_run(&scenario, 1, verdict, &ended), 0);
+    assert_int_equal(ended.rc, 0);
+    for (size_t i = 0; i < n; i++) {
+        char words[300];
+        check_words(&scenario.expect[i], &verdict[i], &scenario.sources, words, sizeof words);
+        if (verdict[i].is != is[i])
+            fail_msg("%s: %s", scenario.expect[i].text, words);
+    }
+    scenario_free(&scenario);
+}
+
 static void a_run_is_judged(void **state)
 {
     static const char text[] = FIRST_ORDER
@@ -336,23 +357,29 @@ static void a_run_is_judged(void **state)
         "           \"within 2.1 s u >= 3 from 80 s\", \"y < 4 at 0.01 s\", \"plant y > 9 at 40 s\" );";
     static const enum check_is is[] = {CHECK_UNKNOWN, CHECK_FAILED, CHECK_HELD, CHECK_HELD,
                                        CHECK_HELD,    CHECK_HELD,   CHECK_HELD};
-    struct scenario scenario;
-    struct check_verdict verdict[7];
-    struct check_end ended;
-    struct apc_error why;
     (void)state;
-    if (load_text(&scenario, text, &why) < 0)
-        fail_msg("%s", why.text);
-    assert_int_equal(scenario.n_expect, 7);
-    assert_int_equal(scenario_run(&scenario, 1, verdict, &ended), 0);
-    assert_int_equal(ended.rc, 0);
-    for (size_t i = 0; i < 7; i++) {
-        char words[300];
-        check_words(&scenario.expect[i], &verdict[i], &scenario.sources, words, sizeof words);
-        if (verdict[i].is != is[i])
-            fail_msg("%s: %s", scenario.expect[i].text, words);
-    }
-    scenario_free(&scenario);
+    assert_becomes(text, is, 7);
+}
+
+/* ---- The operator ---------------------------------------------------------------------------- */
+
+#define PUMP "experiment = \"" APC_SOURCE_DIR "/experiments/alarms/pump-failure.conf\"; duration = 600.0;\n"
+
+/* Promise(simulation/check-acknowledges): A scripted operator acknowledges an alarm, and `operator acknowledges`
+ *   holds if that was in time, and fails if nobody did. */
+static void a_scripted_operator_acknowledges_an_alarm_that_stands(void **state)
+{
+    static const enum check_is held[] = {CHECK_HELD, CHECK_HELD, CHECK_FAILED}, failed[] = {CHECK_FAILED};
+    (void)state;
+    assert_becomes(PUMP
+                   "actions = ( { at = 100.0; ack = \"h2.deviation\"; }, { at = 450.0; ack = "
+                   "\"h2.deviation\"; } );\n"
+                   "expect = ( \"alarm h2.deviation at 449 s\", \"operator acknowledges h2.deviation within "
+                   "100 s\", \"operator acknowledges h2.deviation within 10 s\" );",
+                   held, 3);
+    assert_becomes(PUMP "actions = ( { at = 100.0; ack = \"h2.deviation\"; } );\n"
+                        "expect = ( \"operator acknowledges h2.deviation within 100 s\" );",
+                   failed, 1);
 }
 
 int main(void)
@@ -368,6 +395,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_can_never_be_judged_is_refused, begin, end),
         cmocka_unit_test(a_mistake_has_the_line_of_the_scenario),
         cmocka_unit_test(a_run_is_judged),
+        cmocka_unit_test(a_scripted_operator_acknowledges_an_alarm_that_stands),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
