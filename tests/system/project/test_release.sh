@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A release is the same bit for bit when it is made again, and its bill of materials has what is in it. (The packages:
-# scripts/release, as docs/install.md has it, by hand.)
-# Types(docs/install.md): scripts/release
+# scripts/release, as CONTRIBUTING.md has it, by hand.)
+# Types(CONTRIBUTING.md): scripts/release
 # shellcheck source=tests/system/lib.sh
 . "$APC_SOURCE_DIR/tests/system/lib.sh"
 cd "$APC_SOURCE_DIR"

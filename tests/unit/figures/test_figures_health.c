@@ -165,7 +165,7 @@ static void judge(struct health *h, enum trouble trouble, int seed, struct plant
 
 /*
  * Promise(simulation): `apc monitor` blames a valve that is well in at most 5 % of a thousand simulated loops of
- *   known trouble, and tells the rest as the table in docs/monitor.md says.
+ *   known trouble, and tells the rest as the table in tests/reports/monitor.md says.
  */
 static void a_valve_that_is_well_is_hardly_ever_blamed(void **state)
 {
