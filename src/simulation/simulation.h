@@ -259,9 +259,10 @@ enum why_kind {
 
 struct why_cause {
     enum why_kind kind;
-    size_t element;            /* of its kind, in its controller */
-    const struct apc_tag *tag; /* of the variable; NULL: it has none */
-    double before, now;        /* NAN: of what is no number */
+    size_t element;              /* of its kind, in its controller */
+    const struct apc_tag *tag;   /* of the variable; NULL: it has none */
+    const struct apc_tag *moves; /* the output that an operator's value is for; else NULL */
+    double before, now;          /* NAN: of what is no number */
     apc_status status_before, status;
     const struct apc_sample *row; /* that came; NULL: it is not a row, or not on record */
     double effect;                /* on the output: less with it as it was before */

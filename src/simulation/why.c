@@ -275,6 +275,12 @@ static const struct apc_tag *tag_of(const struct replay *r, const struct apc_sam
     return NULL;
 }
 
+static const struct apc_tag *output_tag(const struct replay *r, const struct replay_controller *by, size_t i)
+{
+    const struct loops_loop *loop = &r->loops.at[(size_t)by->of->first_loop - 1 + i];
+    return tag_of(r, &(struct apc_sample){.table = loop->table, .id = loop->output});
+}
+
 /* Of the samples that its controller reads; NULL: it is none. */
 static const struct apc_sample *input_variable(const struct apc_controller *c, const struct why_cause *cause)
 {
@@ -315,6 +321,8 @@ static void describe_cause(const struct move *m, struct why_cause *cause)
     const struct input *in = &inputs[cause->kind];
     const struct apc_sample *variable = input_variable(c, cause);
     cause->tag = variable ? tag_of(m->r, variable) : NULL;
+    if (cause->kind == WHY_MANUAL)
+        cause->moves = output_tag(m->r, m->rc, cause->element);
     cause->before = input_element(c, cause, in->value, former);
     cause->now = input_element(c, cause, in->value, row);
     if (in->status != NONE) {
@@ -415,7 +423,7 @@ static struct replay_controller *find_moved_loop(struct why *w, struct replay *r
         w->by = &r->controller[loop->controller];
         w->loop = loop->name;
         w->element = i + 1 - (size_t)w->by->of->first_loop;
-        w->output = tag_of(r, &(struct apc_sample){.table = loop->table, .id = loop->output});
+        w->output = output_tag(r, w->by, w->element);
         return &r->controller[loop->controller];
     }
     const char *meant = within ? within : nearest.name;

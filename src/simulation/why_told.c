@@ -46,10 +46,17 @@ const char *why_cause_name(const struct why *w, const struct why_cause *cause)
 
 /* ---- Who wrote it ---------------------------------------------------------------------------- */
 
-static bool is_of_variable(const char *text, const char *name)
+static bool begins_with(const char *text, const struct apc_tag *tag)
 {
-    const size_t n = strlen(name);
-    return strncmp(text, name, n) == 0 && (text[n] == ':' || text[n] == ' ' || text[n] == '.');
+    const size_t n = tag ? strlen(tag->name) : 0;
+    return n > 0 && strncmp(text, tag->name, n) == 0 && (text[n] == ':' || text[n] == ' ' || text[n] == '.');
+}
+
+/* An output that is moved by hand is called as the output is, or as the variable that it is written to. */
+static bool is_of_cause(const char *kind, const char *text, const struct why_cause *cause)
+{
+    return strcmp(kind, "operator") == 0 &&
+           (begins_with(text, cause->tag) || begins_with(text, cause->moves));
 }
 
 struct author_search {
@@ -60,11 +67,11 @@ struct author_search {
 static int take_author(void *ctx, const struct apc_event *event)
 {
     const struct author_search *s = ctx;
-    if (strcmp(event->kind, "operator") != 0 || !is_of_variable(event->text, s->cause->tag->name))
+    if (!is_of_cause(event->kind, event->text, s->cause))
         return 0;
     snprintf(s->author->source, sizeof s->author->source, "%s", event->source);
     snprintf(s->author->text, sizeof s->author->text, "%s", event->text);
-    return 0;
+    return 1; /* what else the write did, as to take a setpoint from the scheduler, follows */
 }
 
 /* The row itself says who; the event, where there is one at its time, says why too. */
@@ -93,17 +100,17 @@ static int find_author_in_folder(const struct why_question *q, const struct why_
     if (csv_open(&csv, path, why) < 0)
         return 0;
     const double at = apc_ns_to_s(cause->row->time - q->replay->start);
-    while (csv_expect(csv, "time,severity,source,kind,text", why) == 0 && (rc = csv_next(csv, why)) > 0) {
+    while (!author->source[0] && csv_expect(csv, "time,severity,source,kind,text", why) == 0 &&
+           (rc = csv_next(csv, why)) > 0) {
         double t;
-        const char *text = csv_text(csv, 4);
-        if (strcmp(csv_text(csv, 3), "operator") != 0 || csv_number(csv, 0, &t, why) < 0 ||
-            fabs(t - at) > 1e-6 || !is_of_variable(text, cause->tag->name))
+        if (!is_of_cause(csv_text(csv, 3), csv_text(csv, 4), cause) || csv_number(csv, 0, &t, why) < 0 ||
+            fabs(t - at) > 1e-6)
             continue;
         snprintf(author->source, sizeof author->source, "%s", csv_text(csv, 2));
-        snprintf(author->text, sizeof author->text, "%s", text);
+        snprintf(author->text, sizeof author->text, "%s", csv_text(csv, 4));
     }
     csv_close(csv);
-    return rc;
+    return rc < 0 ? rc : 0;
 }
 
 int why_find_author(const struct why_question *q, const struct why_cause *cause, struct why_author *author,

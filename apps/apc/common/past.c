@@ -1,16 +1,37 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "past.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
+#include "apc/folder/runstore.h"
+#include "experiment/experiment.h"
 #include "print.h"
+
+/* Of the store of a run's folder, seconds since the start of the run. */
+static bool run_time(const struct cli *cli, const char *at, apc_ns *time)
+{
+    char dir[RUNSTORE_LEN], file[RUNSTORE_LEN + 16];
+    struct record record;
+    struct apc_error why;
+    apc_ns since;
+    double seconds;
+    if (!at || !cli->store || apc_number_parse(at, &seconds) < 0 || seconds < 0 ||
+        apc_ns_from_s(seconds, &since) < 0 || runstore_folder(cli->store, dir) < 0)
+        return false;
+    snprintf(file, sizeof file, "%s/run.conf", dir);
+    const bool found = record_read(&record, file, &why) == 0 && record.start > 0;
+    *time = record.start + since;
+    record_free(&record);
+    return found;
+}
 
 int past_open(const struct cli *cli, const char *at, struct past *past)
 {
     struct apc_error why;
     apc_ns time = 0;
     *past = (struct past){.is = at};
-    if (cli_time(cli, "at", at, &time) != EXIT_OK)
+    if (!run_time(cli, at, &time) && cli_time(cli, "at", at, &time) != EXIT_OK)
         exit(EXIT_USAGE);
     int rc = cli_open(cli, &past->present);
     past->store = past->present;

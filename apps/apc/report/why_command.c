@@ -62,6 +62,17 @@ static char *value_text(const struct why_cause *cause, double value, apc_status 
     return text;
 }
 
+/* It changed, and changed back. */
+static bool is_back(const struct why_cause *cause)
+{
+    return cause->kind != WHY_BELOW && cause->before == cause->now && cause->status_before == cause->status;
+}
+
+static bool has_effect(const struct why *w, double effect)
+{
+    return fabs(effect) > 1e-12 * (fabs(w->u) + fabs(w->u_before));
+}
+
 /* UTC or, of a folder, since the start of its run. */
 static const char *when_text(const struct why_question *q, apc_ns time, char text[APC_TIME_LEN])
 {
@@ -86,18 +97,18 @@ static int print_causes(const struct why *w)
     static const struct print_column columns[] = {{"input", PRINT_LEFT},   {"", PRINT_LEFT},
                                                   {"before", PRINT_RIGHT}, {"now", PRINT_RIGHT},
                                                   {"effect", PRINT_POINT}, {"%", PRINT_RIGHT}};
-    const double rounding = 1e-12 * (fabs(w->u) + fabs(w->u_before));
     struct print_table table;
     char text[PRINT_LEN];
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < w->n; i++) {
         const struct why_cause *cause = &w->cause[i];
-        if (cause->effect == 0)
+        if (!has_effect(w, cause->effect))
             continue;
         print_cell(&table, PRINT_PLAIN, "%s", why_cause_name(w, cause));
         print_cell(&table, PRINT_PLAIN, "%s", why_kind_name(cause->kind));
         print_cell(&table, PRINT_PLAIN, "%s", value_text(cause, cause->before, cause->status_before, text));
-        print_cell(&table, PRINT_PLAIN, "%s", value_text(cause, cause->now, cause->status, text));
+        print_cell(&table, PRINT_PLAIN, "%s%s", value_text(cause, cause->now, cause->status, text),
+                   is_back(cause) ? " again" : "");
         print_effect(&table, w, cause->effect);
     }
     const struct {
@@ -106,7 +117,7 @@ static int print_causes(const struct why *w)
     } rest[] = {{"(none of them)", "the loop goes on", w->earlier},
                 {"(together)", "not one alone", w->together}};
     for (size_t i = 0; i < sizeof rest / sizeof *rest; i++) {
-        if (fabs(rest[i].effect) <= rounding)
+        if (!has_effect(w, rest[i].effect))
             continue;
         print_cell(&table, PRINT_PLAIN, "%s", rest[i].what);
         print_cell(&table, PRINT_FAINT, "%s", rest[i].of);
@@ -122,7 +133,7 @@ static void print_idle(const struct why *w)
 {
     const char *before = "no effect: ";
     for (size_t i = 0; i < w->n; i++) {
-        if (w->cause[i].effect != 0)
+        if (has_effect(w, w->cause[i].effect))
             continue;
         fputs(before, stdout);
         print_clean(stdout, why_cause_name(w, &w->cause[i]));

@@ -48,6 +48,12 @@ cp -r layers damaged
 sqlite3 damaged/ticks.db "UPDATE sample SET value = 6.4 WHERE variable & 15 = 3 AND value = 6.5"
 refused 1 'another build, or its record is damaged' damaged v1@703
 
+# What changed and changed back says so.
+"$apc" simulate "$experiments/first-order.conf" --duration 70 --report hand --set \
+  'actions=( { at = 30.2; mode = "u"; value = "Man"; }, { at = 36.2; set = "u"; value = 3.4; }, { at = 50.2; mode = "u"; value = "Auto"; } )' >/dev/null 2>&1
+"$apc" why hand u@60 --over 35 >back.txt
+grep -q '^u .*mode .*Auto  Auto again' back.txt || fail "a mode that came back: $(cat back.txt)"
+
 # ---- Of a store: the same numbers as of the folder of its run, and who wrote the setpoint. In a database, and in one behind a
 # live store in shared memory.
 
@@ -110,3 +116,15 @@ sed 's/law = "pi"/law = "pid"/' fast.conf >other.conf
 "$apc" why "u@$utc" --over 0.3 --store "$database" >again.txt
 cmp store.txt again.txt || fail "a move is not explained by the experiment of then: $(cat again.txt)"
 refused 1 'its law, its settings or its model are not those that ran' u --store "$database"
+
+# ---- The instant of a run in seconds since its start, for who asks after the folder of the run.
+# Promise(run/at-time-shows)
+"$apc" run fast.conf --duration 3 --no-ui --out own >own.log 2>&1 || fail "no run: $(cat own.log)"
+"$apc" get y --store own --at 1.5 >get.txt || fail "a second of a run is no time"
+python3 - <<'END' || fail "another instant than the second of the run: $(cat get.txt)"
+import datetime, re
+start = re.search(r'start = "([^"]*)Z"', open("own/record.conf").read())[1]
+asked = datetime.datetime.fromisoformat(start) + datetime.timedelta(seconds=1.5)
+answer = datetime.datetime.fromisoformat(re.match("as of (.*)Z, UTC", open("get.txt").read())[1])
+assert abs((answer - asked).total_seconds()) < 1e-5, (answer, asked)
+END

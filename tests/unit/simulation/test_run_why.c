@@ -232,6 +232,41 @@ static void each_kind_of_input_is_found(void **state)
     }
 }
 
+/* Promise(simulation/why-who): Who wrote is told in the words of the write itself, of a setpoint that was taken from the
+ *   scheduler at the same time and of an output that was moved by hand too. */
+static void who_wrote_is_told_in_the_words_of_the_write(void **state)
+{
+    static const struct {
+        const char *more, *events, *text;
+        double from;
+        enum why_kind kind;
+    } of[] = {
+        {"actions = ( { at = 60.1; set = \"r\"; value = 12.0; } );",
+         "60.1,info,anna,operator,\"r: 10 -> 12\"\n60.1,info,anna,operator,\"r taken Local\"\n",
+         "r: 10 -> 12", 60.05, WHY_SETPOINT},
+        {"actions = ( { at = 50.1; mode = \"u\"; value = \"Man\"; }, { at = 60.1; set = \"u\"; value = 3.0; "
+         "} );",
+         "60.1,info,anna,operator,\"ub: 1 -> 3\"\n60.1,info,anna,operator,\"u: 1 -> 3\"\n", "u: 1 -> 3",
+         60.05, WHY_MANUAL},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct why_author author;
+        make_run("first-order", of[i].more, 70);
+        FILE *events = fopen(scratch_path("events.csv"), "w");
+        assert_non_null(events);
+        fprintf(events, "time,severity,source,kind,text\n%s", of[i].events);
+        assert_int_equal(fclose(events), 0);
+        explain("u", of[i].from, 62.1);
+        const struct why_cause *cause = cause_named(of[i].kind, NULL);
+        const struct why_question q = {.replay = &replay, .dir = scratch_folder()};
+        assert_non_null(cause);
+        assert_int_equal(why_find_author(&q, cause, &author, &why), 0);
+        assert_string_equal(author.source, "anna");
+        assert_string_equal(author.text, of[i].text);
+    }
+}
+
 /* Promise(simulation/why-output-moved) */
 static void a_damaged_record_is_not_explained(void **state)
 {
@@ -359,6 +394,7 @@ int main(void)
         cmocka_unit_test_teardown(an_effect_is_what_a_run_without_the_cause_lacks, end),
         cmocka_unit_test_teardown(the_change_that_moved_an_output_comes_first, end),
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
+        cmocka_unit_test_teardown(who_wrote_is_told_in_the_words_of_the_write, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
         cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),
         cmocka_unit_test_teardown(a_question_is_answered_in_time_or_refused, end),
