@@ -647,6 +647,44 @@ static void a_plugin_that_is_not_there_is_named(void **state)
     apc_plugin_close(NULL);
 }
 
+/* The mark of a plug-in in the file @p to, whose text @p from is @p now instead, as many bytes. */
+static uint32_t mark_of_copy(void **handle, const char *to, const char *from, const char *now)
+{
+    static char bytes[1 << 20];
+    struct apc_error why;
+    const void *law = NULL;
+    FILE *file = fopen(APC_EXAMPLES_DIR "/mylaw.so", "re");
+    assert_non_null(file);
+    const size_t n = fread(bytes, 1, sizeof bytes, file);
+    fclose(file);
+    assert_in_range(n, 1, sizeof bytes - 1);
+    char *at = memmem(bytes, n, from, strlen(from));
+    assert_non_null(at);
+    memcpy(at, now, strlen(now));
+    assert_non_null(file = fopen(to, "we"));
+    assert_int_equal(fwrite(bytes, 1, n, file), n);
+    assert_int_equal(fclose(file), 0);
+    if (apc_plugin_open(to, "apc_law", handle, &law, &why) < 0)
+        fail_msg("%s", why.text);
+    const uint32_t mark = apc_plugin_mark((uintptr_t)law);
+    assert_int_equal(apc_plugin_mark((uintptr_t)law), mark);
+    unlink(to);
+    return mark;
+}
+
+static void a_mark_tells_plugins_apart_and_not_where_they_are(void **state)
+{
+    void *handle[3]; /* open at once: each is elsewhere */
+    (void)state;
+    const uint32_t mark = mark_of_copy(&handle[0], "./a-mark.so", "PI control", "PI control");
+    assert_int_equal(mark_of_copy(&handle[1], "./b-mark.so", "PI control", "PI control"), mark);
+    assert_int_not_equal(mark_of_copy(&handle[2], "./c-mark.so", "PI control", "PI-control"), mark);
+    for (size_t i = 0; i < 3; i++)
+        apc_plugin_close(handle[i]);
+    assert_int_equal(apc_plugin_mark((uintptr_t)apc_plugin_mark), 0); /* built in: it is no plug-in */
+    assert_int_equal(apc_plugin_mark(0), 0);
+}
+
 static int refuse(const void *plugin, const char *where, struct apc_error *why)
 {
     assert_non_null(plugin);
@@ -767,6 +805,7 @@ int main(void)
         cmocka_unit_test(a_log_that_has_nothing_to_write_ends),
         cmocka_unit_test(the_thread_of_a_log_takes_no_signals_of_the_application),
         cmocka_unit_test(a_plugin_that_is_not_there_is_named),
+        cmocka_unit_test(a_mark_tells_plugins_apart_and_not_where_they_are),
         cmocka_unit_test(a_plugin_that_is_refused_is_none),
         cmocka_unit_test(finding_a_plugin_takes_a_name_and_a_place_for_its_handle),
         cmocka_unit_test(values_are_those_that_can_be_stored),

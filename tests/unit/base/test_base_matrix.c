@@ -116,6 +116,37 @@ static void arrays_of_one_block_are_apart_aligned_and_zero_or_copied(void **stat
     free(memory);
 }
 
+static void a_decomposition_is_orthogonal_and_a_triangle_or_refused(void **state)
+{
+    const double M[6] = {3, 1, 4, -1, 0, 2}; /* 3 x 2, its columns 5 and the square root of 6 long */
+    double R[6], Q[9], product[6], T[9], one[9], work[3];
+
+    (void)state;
+    memcpy(R, M, sizeof R);
+    assert_int_equal(apc_matrix_decompose(3, 2, R, Q, work), 0);
+    apc_matrix_multiply(3, 3, 2, Q, R, product);
+    apc_matrix_transpose(3, 3, Q, T);
+    apc_matrix_multiply(3, 3, 3, Q, T, one);
+    for (size_t i = 0; i < 6; i++)
+        assert_near(product[i], M[i], 1e-14);
+    for (size_t i = 0; i < 9; i++)
+        assert_near(one[i], i % 4 == 0 ? 1.0 : 0.0, 1e-14);
+    assert_near(fabs(R[0]), 5.0, 1e-14);
+    for (size_t i = 2; i < 6; i++) /* below the diagonal */
+        if (i != 3)
+            assert_near(R[i], 0.0, 1e-14);
+
+    const double alike[4] = {1, 2, 2, 4}, zero[4] = {0}, none[4] = {1, (double)NAN, 2, 1},
+                 nearly[4] = {1, 1, 0, 1e-10}, too_nearly[4] = {1, 1, 0, 1e-12};
+    const double *const dependent[] = {alike, zero, none, too_nearly};
+    for (size_t i = 0; i < sizeof dependent / sizeof *dependent; i++) {
+        memcpy(R, dependent[i], sizeof alike);
+        assert_int_not_equal(apc_matrix_decompose(2, 2, R, Q, work), 0);
+    }
+    memcpy(R, nearly, sizeof nearly);
+    assert_int_equal(apc_matrix_decompose(2, 2, R, Q, work), 0);
+}
+
 /* Their sizes come from what a user asks for: a sum that wraps would be a small block. */
 static void arrays_beyond_counting_are_no_memory(void **state)
 {
@@ -139,6 +170,7 @@ int main(void)
         cmocka_unit_test(what_is_singular_or_no_number_is_not_solved),
         cmocka_unit_test(the_exponential_is_exact_where_it_is_known),
         cmocka_unit_test(an_exponential_that_is_not_finite_is_said_so),
+        cmocka_unit_test(a_decomposition_is_orthogonal_and_a_triangle_or_refused),
         cmocka_unit_test(arrays_of_one_block_are_apart_aligned_and_zero_or_copied),
         cmocka_unit_test(arrays_beyond_counting_are_no_memory),
     };

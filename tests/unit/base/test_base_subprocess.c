@@ -64,11 +64,63 @@ static void it_is_scheduled_as_who_has_it(void **state)
     apc_subprocess_close(&c);
 }
 
+/* What a process printed, as one line for people. */
+static void what_it_said_is_a_line_and_the_end_of_it_where_it_is_long(void **state)
+{
+    static const struct {
+        const char *printed, *line;
+        size_t size;
+    } of[] = {
+        {"", "", 64},
+        {"\n \n", "", 64},
+        {"one\ntwo \n\n", "one|two", 64},
+        {"a\tb\177", "a b ", 64},
+        {"0123456789", "0123456789", 34},            /* it has just room */
+        {"0123456789x", "(1 B) ... 123456789x", 34}, /* and this has not */
+    };
+    struct apc_subprocess c = {.output = -1};
+    char line[64];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        c.n_said = strlen(of[i].printed);
+        memcpy(c.said, of[i].printed, c.n_said);
+        apc_subprocess_said(&c, line, of[i].size);
+        assert_string_equal(line, of[i].line);
+        assert_int_equal(c.n_said, 0); /* it is said once */
+    }
+}
+
+static int next_descriptor(void)
+{
+    const int fd = dup(STDERR_FILENO);
+
+    close(fd);
+    return fd;
+}
+
+static void what_cannot_be_started_leaves_nothing_open(void **state)
+{
+    char *const argv[] = {(char[]){"/no/such/program"}, NULL};
+    struct apc_subprocess c = {.socket = -1, .output = -1};
+    const int next = next_descriptor();
+    struct apc_error why;
+
+    (void)state;
+    for (int k = 0; k < 3; k++) {
+        assert_int_equal(apc_subprocess_begin(&c, argv, NULL, &why), APC_ESYS);
+        assert_has(why.text, "cannot be started: No such file or directory");
+        assert_int_equal(next_descriptor(), next);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(its_last_word_is_heard_though_it_ended_with_a_message_unread),
         cmocka_unit_test(it_is_scheduled_as_who_has_it),
+        cmocka_unit_test(what_it_said_is_a_line_and_the_end_of_it_where_it_is_long),
+        cmocka_unit_test(what_cannot_be_started_leaves_nothing_open),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
