@@ -19,14 +19,15 @@
 static const struct apc_param param[] = {{"P", "kPa", "pressure", 101.325, 20.0, 500.0},
                                          {"cp", "kJ/kmol/K", "heat capacity of the liquid", 155.0, 50.0, 500.0},
                                          {"lambda", "kJ/kmol", "heat of vaporisation", 32000.0, 1e4, 1e5},
-                                         {"T_feed", "degC", "temperature of the feed", 90.0, 0.0, 110.0}};
+                                         {"T_feed", "degC", "temperature of the feed", 90.0, 0.0, 110.0},
+                                         {"Kv", "kmol^0.5/s", "outlet's valve", 0.0062, 1e-4, 0.1}};
 static const struct apc_param state[] = {{"M", "kmol", "liquid in the drum", 10.0, 0.1, 20.0},
                                          {"x", "", "mole fraction of benzene in it", 0.4, 0.0, 1.0}};
 static const struct apc_param algebraic[] = {{"T", "degC", "temperature", 95.0, 0.0, 200.0},
                                              {"y", "", "mole fraction of benzene in the vapour", 0.6, 0.0, 1.0},
                                              {"V", "kmol/s", "flow of the vapour", 0.01, -1.0, 1.0}};
 static const struct apc_param input[] = {{"Q", "kW", "heating", 350.0, 0.0, 1000.0},
-                                         {"L", "kmol/s", "flow of the liquid", 0.01, 0.0, 0.05}};
+                                         {"valve", "%", "outlet of the liquid", 50.0, 0.0, 100.0}};
 static const struct apc_param disturbance[] = {{"F", "kmol/s", "flow of the feed", 0.02, 0.0, 0.05},
                                                {"z", "", "mole fraction of benzene in it", 0.5, 0.0, 1.0}};
 static const struct apc_param output[] = {{"T", "degC", "temperature", 0.0, 0.0, 0.0},
@@ -34,7 +35,8 @@ static const struct apc_param output[] = {{"T", "degC", "temperature", 0.0, 0.0,
 
 static int f(double t, const double *x, const double *u, const double *p, double *dx)
 {
-    dx[0] = F - V - u[1];
+    const double liquid = p[4] * u[1] / 100.0 * sqrt(fmax(x[0], 0.0));
+    dx[0] = F - V - liquid;
     dx[1] = (F * (Z_FEED - x[1]) - V * (Y - x[1])) / fmax(x[0], 0.1);
     return 0;
 }
@@ -73,7 +75,7 @@ const struct apc_model apc_model = {
     .nu = 2,
     .nd = 2,
     .ny = 2,
-    .np = 4,
+    .np = 5,
     .nz = 3,
     .param = param,
     .state = state,

@@ -360,3 +360,56 @@ void apc_algebraic_rate(struct apc_algebraic *algebraic, double t, const double 
     if (step_size(a, x + nx, a->step) < HUGE_VAL)
         memcpy(rate + nx, a->step, a->n * sizeof(*rate));
 }
+
+/* ---- A model as of its states alone --------------------------------------------------------- */
+
+int apc_reduced_open(struct apc_reduced *reduced, const struct apc_model *model, const double *p,
+                     struct apc_error *why)
+{
+    const size_t nz = apc_model_nz(model);
+
+    *reduced = (struct apc_reduced){.model = model, .p = p};
+    if (!nz)
+        return 0;
+    reduced->x = calloc(model->nx + nz, sizeof(*reduced->x));
+    if (reduced->x && apc_algebraic_create(&reduced->algebraic, model, p, 1e-2) == 0)
+        return 0;
+    apc_reduced_close(reduced);
+    return apc_fail(why, APC_ENOMEM, "%s: no memory for its algebraic equations", model->name);
+}
+
+void apc_reduced_close(struct apc_reduced *reduced)
+{
+    apc_algebraic_destroy(reduced->algebraic);
+    free(reduced->x);
+    *reduced = (struct apc_reduced){0};
+}
+
+/* x with the algebraic variables behind it; NULL where there are none that fit. */
+static const double *complete_states(const struct apc_reduced *reduced, const double *x, const double *u)
+{
+    const struct apc_model *m = reduced->model;
+
+    if (!reduced->algebraic)
+        return x;
+    memcpy(reduced->x, x, m->nx * sizeof(*x));
+    apc_param_initials(m->algebraic, m->nz, reduced->x + m->nx);
+    return apc_algebraic_solve(reduced->algebraic, 0.0, reduced->x, u, NULL) == 0 ? reduced->x : NULL;
+}
+
+int apc_reduced_f(const struct apc_reduced *reduced, const double *x, const double *u, double *dx)
+{
+    const double *whole = complete_states(reduced, x, u);
+
+    return whole ? reduced->model->f(0.0, whole, u, reduced->p, dx) : -1;
+}
+
+void apc_reduced_g(const struct apc_reduced *reduced, const double *x, const double *u, double *y)
+{
+    const double *whole = complete_states(reduced, x, u);
+
+    for (size_t i = 0; !whole && i < reduced->model->ny; i++)
+        y[i] = (double)NAN;
+    if (whole)
+        reduced->model->g(0.0, whole, u, reduced->p, y);
+}

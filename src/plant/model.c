@@ -57,17 +57,6 @@ int apc_model_check(const struct apc_model *model, const char *from, struct apc_
     return check_tables(model, from, why);
 }
 
-int apc_model_check_explicit(const struct apc_model *model, struct apc_error *why)
-{
-    if (!apc_model_nz(model))
-        return 0;
-    return apc_fail(
-        why, APC_EINVAL,
-        "%s has algebraic equations (%zu), which nonlinear prediction does not solve; take a law and "
-        "an estimator of its linear model",
-        model->name, model->nz);
-}
-
 static int check_model_plugin(const void *model, const char *from, struct apc_error *why)
 {
     return apc_model_check(model, from, why);

@@ -14,8 +14,6 @@ static inline size_t apc_model_nz(const struct apc_model *model)
 {
     return model->abi >= 3 ? model->nz : 0;
 }
-/** For who asks f and g alone: returns 0, or APC_EINVAL where there are algebraic variables. */
-int apc_model_check_explicit(const struct apc_model *model, struct apc_error *why);
 /** f, and into @p dx [nx + nz] after it the residuals, with APC_ESOLVER where one is not defined or not a finite
  * number. [tick] */
 int apc_model_derivative(const struct apc_model *model, double t, const double *x, const double *u,
@@ -51,6 +49,24 @@ int apc_algebraic_check(struct apc_algebraic *algebraic, double t, const double 
 /** z' behind the x' of @p rate [nx + nz], at the solution @p x: to first order. [tick] */
 void apc_algebraic_rate(struct apc_algebraic *algebraic, double t, const double *x, const double *u,
                         double *rate);
+
+/** f and g of a model as of its states alone, at t = 0. The algebraic variables are solved from their initial
+ * values, so that the same states always give the same bits. */
+struct apc_reduced {
+    const struct apc_model *model;
+    const double *p;
+    struct apc_algebraic *algebraic; /* NULL: it has none */
+    double *x;                       /* [nx + nz] */
+};
+
+/** @p p is borrowed. [setup] Returns 0 or APC_ENOMEM. */
+int apc_reduced_open(struct apc_reduced *reduced, const struct apc_model *model, const double *p,
+                     struct apc_error *why);
+void apc_reduced_close(struct apc_reduced *reduced); /**< One of zeros is legal. [setup] */
+/** x' to @p dx [nx]; nonzero where the model is not defined. [tick] */
+int apc_reduced_f(const struct apc_reduced *reduced, const double *x, const double *u, double *dx);
+/** NaN where the algebraic equations have no solution. [tick] */
+void apc_reduced_g(const struct apc_reduced *reduced, const double *x, const double *u, double *y);
 
 /* ---- Integrators ---------------------------------------------------------------------------- */
 

@@ -33,8 +33,9 @@ struct apc_estimator {
     double *gain;      /* [nx * ny] steady; of the extended one the measurement's Jacobian C [ny * nx] */
     double *deviation; /* [nx] steady */
     const struct apc_model *model;
-    struct apc_nested *nested; /* its loops; NULL: none */
-    size_t n_model;            /* its states, with theirs */
+    struct apc_reduced reduced; /* the same, of its states alone */
+    struct apc_nested *nested;  /* its loops; NULL: none */
+    size_t n_model;             /* its states, with theirs */
     double *p, h;
     unsigned steps;
     double *P, *T, *J, *M;                         /* [nx * nx] */
@@ -56,7 +57,7 @@ static int check_estimated_model(const struct apc_estimator_options *o, struct a
 
     if (o->linear)
         return 0;
-    if (apc_model_check(o->model, "estimator", why) < 0 || apc_model_check_explicit(o->model, why) < 0)
+    if (apc_model_check(o->model, "estimator", why) < 0)
         return APC_EINVAL;
     return apc_period_from_s(o->Ts, &period, why);
 }
@@ -206,7 +207,8 @@ static int fill_estimator(struct apc_estimator *e, const struct apc_estimator_op
     e->model = model;
     e->steps = o->steps ? o->steps : 10;
     e->h = o->Ts / e->steps;
-    return apc_model_take(model, e->p, o->p, model->param, model->np, "parameter", why);
+    rc = apc_model_take(model, e->p, o->p, model->param, model->np, "parameter", why);
+    return rc < 0 ? rc : apc_reduced_open(&e->reduced, model, e->p, why);
 }
 
 int apc_estimator_create(struct apc_estimator **estimator, const struct apc_estimator_options *options,
@@ -255,6 +257,7 @@ void apc_estimator_destroy(struct apc_estimator *estimator)
 {
     if (!estimator)
         return;
+    apc_reduced_close(&estimator->reduced);
     free(estimator->unknown);
     free(estimator->memory);
     free(estimator);
@@ -406,7 +409,7 @@ static int state_derivative(struct apc_estimator *e, const double *x, const doub
 {
     memset(dx + e->n_model, 0, e->n_unknown * sizeof(*dx));
     return e->nested ? apc_nested_slope(e->nested, x, disturbed(e, x, u), dx)
-                     : e->model->f(0.0, x, disturbed(e, x, u), e->p, dx);
+                     : apc_reduced_f(&e->reduced, x, disturbed(e, x, u), dx);
 }
 
 static void measured(struct apc_estimator *e, const double *x, const double *u, double *y)
@@ -414,7 +417,7 @@ static void measured(struct apc_estimator *e, const double *x, const double *u, 
     if (e->nested)
         apc_nested_output(e->nested, x, disturbed(e, x, u), y);
     else
-        e->model->g(0.0, x, disturbed(e, x, u), e->p, y);
+        apc_reduced_g(&e->reduced, x, disturbed(e, x, u), y);
     for (size_t k = 0; k < e->n_unknown; k++) {
         if (e->unknown[k].where == APC_AT_OUTPUT)
             y[e->unknown[k].number] += x[e->n_model + k];

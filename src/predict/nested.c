@@ -10,6 +10,7 @@
 
 struct apc_nested {
     const struct apc_model *model;
+    struct apc_reduced reduced;
     size_t loops;
     struct apc_nested_loop *loop; /* [nu] */
     double *p, *y, *u;            /* [np], [ny], [nu + nd] */
@@ -37,6 +38,8 @@ int apc_nested_create(struct apc_nested **nested, const struct apc_model *model,
             n->loops += loop[j].there;
         }
         rc = apc_model_take(model, n->p, p, model->param, model->np, "parameter", why);
+        if (rc == 0)
+            rc = apc_reduced_open(&n->reduced, model, n->p, why);
     }
     if (rc < 0) {
         apc_nested_destroy(n);
@@ -49,6 +52,7 @@ void apc_nested_destroy(struct apc_nested *nested)
 {
     if (!nested)
         return;
+    apc_reduced_close(&nested->reduced);
     free(nested->p);
     free(nested->loop);
     free(nested);
@@ -67,7 +71,7 @@ static void close_loops(struct apc_nested *n, const double *x, const double *u, 
     const double *I = x + m->nx;
 
     memcpy(n->u, u, (m->nu + m->nd) * sizeof(*u));
-    m->g(0.0, x, n->u, n->p, n->y);
+    apc_reduced_g(&n->reduced, x, n->u, n->y);
     for (size_t j = 0, k = 0; j < m->nu; j++) {
         const struct apc_nested_loop *l = &n->loop[j];
         const double low = m->input ? m->input[j].low : -HUGE_VAL,
@@ -88,13 +92,13 @@ static void close_loops(struct apc_nested *n, const double *x, const double *u, 
 int apc_nested_slope(struct apc_nested *n, const double *x, const double *u, double *dx)
 {
     close_loops(n, x, u, dx + n->model->nx);
-    return n->model->f(0.0, x, n->u, n->p, dx);
+    return apc_reduced_f(&n->reduced, x, n->u, dx);
 }
 
 void apc_nested_output(struct apc_nested *n, const double *x, const double *u, double *y)
 {
     close_loops(n, x, u, NULL);
-    n->model->g(0.0, x, n->u, n->p, y);
+    apc_reduced_g(&n->reduced, x, n->u, y);
 }
 
 int apc_nested_linearise(const struct apc_nested *n, const struct apc_linear_continuous *from, double *A,

@@ -23,6 +23,7 @@
 
 struct apc_shooting {
     const struct apc_model *model;
+    struct apc_reduced reduced;
     struct apc_nested *nested;
     size_t nx, nu, ny, N, blocks, n, n_unknown;
     double Ts;
@@ -104,7 +105,7 @@ int apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_o
     rc = allocate_shooting(s, o) < 0 ? apc_fail(why, APC_ENOMEM, "shooting: no memory")
                                      : apc_model_take(m, s->p, o->p, m->param, m->np, "parameter", why);
     if (rc == 0)
-        rc = apc_model_check_explicit(m, why);
+        rc = apc_reduced_open(&s->reduced, m, s->p, why);
     if (rc < 0) {
         apc_shooting_destroy(s);
         return rc;
@@ -128,6 +129,7 @@ void apc_shooting_destroy(struct apc_shooting *shoot)
 {
     if (!shoot)
         return;
+    apc_reduced_close(&shoot->reduced);
     free(shoot->memory);
     free(shoot);
 }
@@ -156,7 +158,7 @@ static int integrate_interval(struct apc_shooting *s, double *x, double t)
             for (size_t i = 0; i < s->nx; i++)
                 s->at[i] = x[i] + (k ? reach[k] * h * s->slope[i] : 0.0);
             if ((s->nested ? apc_nested_slope(s->nested, s->at, s->input, s->slope)
-                           : s->model->f(0.0, s->at, s->input, s->p, s->slope)) != 0)
+                           : apc_reduced_f(&s->reduced, s->at, s->input, s->slope)) != 0)
                 return APC_ESOLVER;
             for (size_t i = 0; i < s->nx; i++)
                 s->sum[i] += weight[k] * s->slope[i];
@@ -259,7 +261,7 @@ static void predict_outputs(struct apc_shooting *s, const double *x, const doubl
     if (s->nested)
         apc_nested_output(s->nested, x, s->input, y);
     else
-        s->model->g(0.0, x, s->input, s->p, y);
+        apc_reduced_g(&s->reduced, x, s->input, y);
     for (size_t k = 0; k < s->n_unknown; k++) {
         if (s->unknown[k].where == APC_AT_OUTPUT)
             y[s->unknown[k].number] += d[k];

@@ -8,7 +8,7 @@ import sys
 import casadi
 import numpy as np
 
-P, CP, HEAT, T_FEED, FEED, Z = 101.325, 155.0, 32000.0, 90.0, 0.02, 0.5
+P, CP, HEAT, T_FEED, VALVE, FEED, Z = 101.325, 155.0, 32000.0, 90.0, 0.0062, 0.02, 0.5
 
 
 class Options(ctypes.Structure):
@@ -21,7 +21,7 @@ def equations():
     t, y, vapour = casadi.vertsplit(z)
     b = 0.133322 * 10 ** (6.90565 - 1211.033 / (t + 220.79))
     a = 0.133322 * 10 ** (6.95464 - 1344.8 / (t + 219.482))
-    ode = casadi.vertcat(FEED - vapour - u[1], (FEED * (Z - benzene) - vapour * (y - benzene)) / liquid)
+    ode = casadi.vertcat(FEED - vapour - VALVE * u[1] / 100 * casadi.sqrt(liquid), (FEED * (Z - benzene) - vapour * (y - benzene)) / liquid)
     alg = casadi.vertcat(benzene * b / P + (1 - benzene) * a / P - 1, benzene * b / P - y,
                          (u[0] + FEED * CP * (T_FEED - t)) / HEAT - vapour)
     return x, z, u, ode, alg, casadi.vertcat(t, liquid)
@@ -49,7 +49,7 @@ x, z, u, ode, alg, out = equations()
 idas = casadi.integrator("idas", "idas", {"x": x, "z": z, "p": u, "ode": ode, "alg": alg}, 0.0, 20.0, {"reltol": 1e-12, "abstol": 1e-14})
 state, algebraic, worst = np.array([10.0, 0.4]), np.array([95.0, 0.6, 0.01]), 0.0
 for k in range(300):
-    given = [350.0 + 100.0 * math.sin(0.7 * k), 0.0098 + 0.004 * math.sin(0.4 * k)]
+    given = [350.0 + 100.0 * math.sin(0.7 * k), 50.0 + 20.0 * math.sin(0.4 * k)]
     code = lib.apc_plant_advance(plant, 20.0, doubles(*given))
     assert code == 0, lib.apc_plant_error(plant)
     end = idas(x0=state, z0=algebraic, p=given)
@@ -59,7 +59,7 @@ print(f"states and algebraic variables, 300 steps of 20 s: {worst:.1e}")
 
 at, matrices = doubles(8.0, 0.45), [doubles(*[0.0] * n) for n in (4, 8, 4, 8)]
 assert lib.apc_model_linearize(model, None, at, None, *matrices, why) == 0, why.value
-inputs = [350.0, 0.01]
+inputs = [350.0, 50.0]
 root = casadi.rootfinder("root", "newton", {"x": z, "p": casadi.vertcat(x, u), "g": alg})
 solved = root(x0=[95.0, 0.6, 0.01], p=[*at, *inputs])["x"]
 rows, slope = casadi.vertcat(ode, out), casadi.solve(casadi.jacobian(alg, z), casadi.jacobian(alg, casadi.vertcat(x, u)))

@@ -58,10 +58,14 @@ flash=$APC_BUILD_DIR/examples/flash.so
 sed "s|./flash.so|$flash|" "$APC_SOURCE_DIR/examples/plant/flash.conf" >"$work/flash.conf"
 expect 0 'algebraic +T +95 +degC' "$apc" plants "$flash"
 expect 0 'T +95\.1418 degC' "$apc" linearize "$flash" --here
+expect 0 'T +95\.624 degC' "$apc" linearize "$flash"
 digest() { "$apc" simulate "$work/flash.conf" "$@" | sed -n 's/^sha256: *//p'; }
 once=$(digest)
 [ -n "$once" ] && [ "$once" = "$(digest)" ] || fail "a seed gives another run of it"
 [ "$once" != "$(digest --set seed=2)" ] || fail "another seed gives the same run of it"
+sed -e 's/law = "pid";/law = "nmpc"; operating_point = { u = [350.0, 50.0]; }; settings = { horizon = 20; blocks = [1, 1, 2, 16]; steps = 2; };/' \
+  -e 's/period = 10.0;/period = 30.0;/; s/^  tuning = .*//' "$work/flash.conf" >"$work/nmpc.conf"
+expect 0 '^T +all .* 0$' "$apc" simulate "$work/nmpc.conf" --duration 600
 expect 1 'flash has algebraic equations .*"ida"' "$apc" simulate "$work/flash.conf" --set 'plant.integrator="cvode"'
 
 # The real plant shows what the file says: a sensor that drops out, another that shows whole steps only.
