@@ -60,6 +60,7 @@ static uint64_t random_of(uint64_t *state)
     return z ^ z >> 31;
 }
 
+/* Nothing is waited for: at which instant a process dies, reads or writes is what is drawn. */
 static void pause_us(uint64_t us)
 {
     nanosleep(&(struct timespec){(time_t)(us / 1000000), (long)(us % 1000000) * 1000}, NULL);

@@ -344,7 +344,8 @@ static void failed_logins_have_to_wait(void **state)
     assert_non_null(cookie);
     snprintf(device, sizeof device, "%.*s", (int)strcspn(cookie, ";"), cookie);
     http_free(&login);
-    /* until the pause is long enough for what follows, on any machine */
+    /* Until the pause is long enough for what follows, on any machine. The pause is the server's promise: that it holds is
+     * what is tested. */
     for (int pause = 0; pause < 8;) {
         http_request(&reply, port, "POST", "/api/login", JSON, "{\"user\":\"anna\",\"password\":\"wrong\"}");
         status = reply.status;

@@ -661,7 +661,7 @@ static void never_return(unsigned call)
     (void)call;
     for (;;) {
         kill(campaign_process, SIGINT);
-        usleep(50000);
+        usleep(50000); /* until the campaign ends this process */
     }
 }
 

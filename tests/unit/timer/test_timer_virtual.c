@@ -317,24 +317,22 @@ static void jitter_beyond_the_period_misses_ticks(void **state)
 }
 
 /* The trace of task a, with a task b beside it that behaves as told. */
-static void run_beside(struct apc_distribution other, char *out)
+static void run_beside(struct apc_distribution other, char out[TRACE])
 {
     struct apc_executive *e = make();
     struct unit a = {0}, b = {0};
     const struct apc_virtual_model random = {
         .jitter = {APC_EXPONENTIAL, 0.01, 0, NULL, 0}, .execution = {APC_GAMMA, 2, 0.02, NULL, 0}, .seed = 9};
     const struct apc_virtual_model model = {.jitter = other, .execution = other, .seed = 9};
-    char *word;
+    size_t n = 0;
 
     begin(&a, e, "a", (struct apc_task_options){.period = 100 * MS}, &random);
     begin(&b, e, "b", (struct apc_task_options){.period = 70 * MS}, &model);
     apc_virtual_run(e, now(e) + 2 * S);
     out[0] = '\0';
-    for (word = strtok(trace, " "); word; word = strtok(NULL, " "))
-        if (word[0] == 'a') {
-            strcat(out, word);
-            strcat(out, " ");
-        }
+    for (const char *word = strtok(trace, " "); word; word = strtok(NULL, " "))
+        if (word[0] == 'a')
+            n += (size_t)snprintf(out + n, TRACE - n, "%s ", word);
     apc_task_destroy(a.task);
     apc_task_destroy(b.task);
     apc_executive_destroy(e);

@@ -20,7 +20,7 @@
 static struct ui *ui;
 static struct apc_store *store;
 static struct client anna, nobody;
-static char folder[64], script[3000], users_file[64] = "/tmp/apc-http-users.XXXXXX";
+static char folder[64], script[3000], users_folder[] = "/tmp/apc-http-users.XXXXXX", users_file[64];
 
 static void no_telling(void *ctx, const struct write *write)
 {
@@ -69,8 +69,10 @@ static int make_users(void **state)
 {
     struct apc_error why;
     (void)state;
-    return mkdtemp(users_file) && strcat(users_file, "/users") &&
-                   users_add(users_file, "anna", ROLE_OPERATOR, "operator123", &why) == 0 &&
+    if (!mkdtemp(users_folder))
+        return -1;
+    snprintf(users_file, sizeof users_file, "%s/users", users_folder);
+    return users_add(users_file, "anna", ROLE_OPERATOR, "operator123", &why) == 0 &&
                    users_add(users_file, "otto", ROLE_OBSERVER, "observer123", &why) == 0
                ? 0
                : -1;
@@ -81,8 +83,7 @@ static int remove_users(void **state)
     (void)state;
     if (unlink(users_file) < 0)
         return -1;
-    *strrchr(users_file, '/') = '\0';
-    return rmdir(users_file);
+    return rmdir(users_folder);
 }
 
 /* Somebody who has logged in. */
@@ -405,7 +406,9 @@ static void who_guesses_is_told_how_long_to_wait(void **state)
     http_request(&reply, ui->port, "POST", "/api/login", JSON,
                  "{\"user\":\"otto\",\"password\":\"observer123\"}");
     assert_int_equal(reply.status, 429);
-    int wait = atoi(head(&reply, "Retry-After"));
+    char *end;
+    const long wait = strtol(head(&reply, "Retry-After"), &end, 10);
+    assert_string_equal(end, "");
     assert_in_range(wait, 500, 1016); /* the fifth failure for this name, and the longest pause */
     http_free(&reply);
 }

@@ -917,7 +917,7 @@ static void test_kills_lose_and_double_nothing(void **state)
         while (k % 3 == 0 && newest(*state, APC_SENSOR, 1).seq <= k * ROWS) {
             nanosleep(&pause, NULL); /* it came to append */
         }
-        nanosleep(&pause, NULL);
+        nanosleep(&pause, NULL); /* for no condition: at whatever instant it dies, nothing is lost */
         kill(pid, SIGKILL);
         waitpid(pid, NULL, 0);
     }
