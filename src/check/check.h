@@ -124,15 +124,26 @@ double check_share_least(unsigned held, unsigned n);
 
 /* ---- Scenarios ------------------------------------------------------------------------------ */
 
+/* What happens once a condition becomes true. */
+struct scenario_trigger {
+    size_t expectation; /* that it does */
+    apc_ns after;
+    enum scenario_trigger_what { TRIGGER_ACTION = 1, TRIGGER_SENSOR, TRIGGER_ACTUATOR } what;
+    struct action action;
+    size_t fault; /* its place in e.faults or e.actuator_faults */
+};
+
 struct scenario {
     char file[EXPERIMENT_PATH], title[128];
     struct experiment e; /* with what the scenario says */
     unsigned runs;
-    uint64_t seed; /* of the first one */
-    double share;  /* of them in which each expectation is to hold; 1: all, without more ado */
-    struct expectation *expect;
+    uint64_t seed;              /* of the first one */
+    double share;               /* of them in which each expectation is to hold; 1: all, without more ado */
+    struct expectation *expect; /* behind those of the file what the triggers are waiting for */
     size_t n_expect;
     struct check_sources sources;
+    struct scenario_trigger *trigger;
+    size_t n_triggers;
 };
 
 /* With @p set [n] over what the file says. Returns 0, or a negative error with FILE:LINE and reason in @p why;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Expectations as text: a word after the other, names by the experiment's. */
-#include "check.h"
+#include "check_internal.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -396,7 +396,6 @@ static void read_acknowledging(struct expectation_text *t, struct expectation *x
 
 static void read_check_form(struct expectation_text *t, struct expectation *x)
 {
-    x->until = t->duration;
     if (take_word(t, "never") || take_word(t, "always")) {
         x->form = !strcmp(t->word[t->at - 1].text, "never") ? CHECK_NEVER : CHECK_ALWAYS;
         read_condition(t, x);
@@ -448,20 +447,38 @@ static void read_window(struct expectation_text *t, struct expectation *x)
                      apc_ns_to_s(x->until), apc_ns_to_s(x->from));
 }
 
-int check_parse(struct expectation *x, const char *text, const struct experiment *e,
-                struct check_sources *sources, struct apc_error *why)
+/* @p condition: it is one alone, called @p text; NULL: @p text says all. */
+static int parse_expectation(struct expectation *x, const char *text, const char *condition,
+                             const struct experiment *e, struct check_sources *sources, struct apc_error *why)
 {
     struct apc_error of_words = {""};
     struct expectation_text t = {.e = e, .sources = sources, .why = &of_words};
-    *x = (struct expectation){.until = 0};
+    *x = (struct expectation){.form = CHECK_WITHIN};
     snprintf(x->text, sizeof x->text, "%s", text);
     (void)apc_ns_from_s(e->duration, &t.duration);
+    x->until = t.duration;
     if (strlen(text) >= sizeof x->text)
         refuse_words(&t, "is longer than %d bytes", CHECK_TEXT - 1);
-    split_words(&t, text);
-    if (t.rc == 0)
+    split_words(&t, condition ? condition : text);
+    if (t.rc == 0 && condition)
+        read_condition(&t, x);
+    else if (t.rc == 0)
         read_check_form(&t, x);
-    if (t.rc == 0)
+    if (t.rc == 0 && condition && t.at < t.n)
+        expect_words(&t, "nothing more");
+    else if (t.rc == 0)
         read_window(&t, x);
-    return t.rc < 0 ? apc_fail(why, t.rc, "\"%.80s\": %s", text, of_words.text) : 0;
+    return t.rc < 0 ? apc_fail(why, t.rc, "\"%.80s\": %s", condition ? condition : text, of_words.text) : 0;
+}
+
+int check_parse(struct expectation *x, const char *text, const struct experiment *e,
+                struct check_sources *sources, struct apc_error *why)
+{
+    return parse_expectation(x, text, NULL, e, sources, why);
+}
+
+int check_parse_when(struct expectation *x, const char *text, const char *condition,
+                     const struct experiment *e, struct check_sources *sources, struct apc_error *why)
+{
+    return parse_expectation(x, text, condition, e, sources, why);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Expectations judged over the courses of a run: each course is made of pieces, in which its value is one or is not
  * known. */
-#include "check.h"
+#include "check_internal.h"
 
 #include <apcmath.h>
 
@@ -78,7 +78,7 @@ static bool next_piece(struct pieces *p, struct piece *piece)
 
 /* ---- Conditions ----------------------------------------------------------------------------- */
 
-static bool is_true_of(const struct expectation *x, const struct check_point *p)
+bool check_is_true(const struct expectation *x, const struct check_point *p)
 {
     const enum apc_alarm_state state = (enum apc_alarm_state)p->value;
     switch (x->kind) {
@@ -151,7 +151,7 @@ static void judge_throughout(const struct expectation *x, struct pieces p, struc
             continue;
         note_closest(x, &piece, v);
         any = any || piece.is;
-        if (piece.is && is_true_of(x, piece.is) != (x->form == CHECK_ALWAYS)) {
+        if (piece.is && check_is_true(x, piece.is) != (x->form == CHECK_ALWAYS)) {
             set_verdict(v, CHECK_FAILED, later_of(piece.from, x->from), piece.is);
             return;
         }
@@ -177,7 +177,7 @@ static void judge_once(const struct expectation *x, struct pieces p, struct chec
         note_closest(x, &piece, v);
         any = any || piece.is;
         last = piece.is;
-        if (piece.is && is_true_of(x, piece.is)) {
+        if (piece.is && check_is_true(x, piece.is)) {
             set_verdict(v, CHECK_HELD, later_of(piece.from, x->from), piece.is);
             return;
         }
@@ -201,9 +201,9 @@ static void judge_at(const struct expectation *x, struct pieces p, struct check_
     while (next_piece(&p, &piece) && piece.until <= x->until)
         continue;
     set_verdict(v,
-                !piece.is                 ? CHECK_UNKNOWN
-                : is_true_of(x, piece.is) ? CHECK_HELD
-                                          : CHECK_FAILED,
+                !piece.is                    ? CHECK_UNKNOWN
+                : check_is_true(x, piece.is) ? CHECK_HELD
+                                             : CHECK_FAILED,
                 x->until, piece.is);
     v->until = x->until;
 }
@@ -224,7 +224,7 @@ static const struct check_point *setpoint_from(const struct check_course *course
     return is;
 }
 
-static void say_unknown(struct check_verdict *v, const char *why)
+void check_say_unknown(struct check_verdict *v, const char *why)
 {
     v->is = CHECK_UNKNOWN;
     snprintf(v->why, sizeof v->why, "%s", why);
@@ -262,7 +262,7 @@ static void judge_settling(const struct expectation *x, struct pieces p, const s
     if (!y)
         return;
     if (!(band > 0))
-        say_unknown(v, "the setpoint is where the measurement is: no step");
+        check_say_unknown(v, "the setpoint is where the measurement is: no step");
     else if (settled != INT64_MIN)
         set_verdict(v, settled - x->from <= x->time ? CHECK_HELD : CHECK_FAILED, settled, y);
 }
@@ -287,7 +287,7 @@ static void judge_acknowledging(const struct expectation *x, const struct check_
             set_verdict(v, CHECK_FAILED, raised + x->time, NULL);
             return;
         } else if (v->is != CHECK_HELD) {
-            say_unknown(v, "the run ends before its time is over");
+            check_say_unknown(v, "the run ends before its time is over");
         }
     }
 }

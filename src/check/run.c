@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* One run of a scenario: what its expectations are about is kept, and they are judged. */
-#include "check.h"
+#include "check_internal.h"
 
 #include <stdio.h>
 #include <stdlib.h>
-
-#include "simulation/simulation.h"
 
 struct run_courses {
     const struct check_sources *sources;
@@ -13,19 +11,23 @@ struct run_courses {
     bool failed;                 /* out of memory */
 };
 
-static void take_check_row(struct run_courses *c, const struct apc_sample *row)
+struct check_point check_point_of(const struct check_source *of, const struct apc_sample *row)
 {
     const enum apc_severity severity = apc_status_severity(row->status);
+    const bool state = of->table == APC_ALARM || of->table == APC_ACTUAL;
+    return (struct check_point){.t = row->time - SIMULATION_BEGIN,
+                                .value = row->value,
+                                .known = state || severity != APC_SEVERITY_BAD,
+                                .others = severity != APC_SEVERITY_GOOD};
+}
+
+static void take_check_row(struct run_courses *c, const struct apc_sample *row)
+{
     for (size_t i = 0; i < c->sources->n; i++) {
         const struct check_source *of = &c->sources->at[i];
         if (of->plant || of->table != row->table || of->id != row->id)
             continue;
-        const bool state = of->table == APC_ALARM || of->table == APC_ACTUAL;
-        const struct check_point point = {.t = row->time - SIMULATION_BEGIN,
-                                          .value = row->value,
-                                          .known = state || severity != APC_SEVERITY_BAD,
-                                          .others = severity != APC_SEVERITY_GOOD};
-        c->failed = c->failed || check_add(&c->course[i], point) < 0;
+        c->failed = c->failed || check_add(&c->course[i], check_point_of(of, row)) < 0;
     }
 }
 
@@ -106,17 +108,25 @@ static int judge_scenario(const struct scenario *of, struct simulation *s, struc
 int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_verdict *verdict,
                  struct check_end *end)
 {
-    struct simulation s;
+    struct simulation s = {.rc = 0};
+    struct run_triggers t;
     struct apc_error why = {""};
     const size_t n = scenario->sources.n;
     struct run_courses c = {.sources = &scenario->sources, .course = calloc(n + 1, sizeof *c.course)};
     *end = (struct check_end){.rc = 0};
-    int rc = simulation_create(&s, &scenario->e, seed, &why);
-    if (rc < 0)
+    int rc = triggers_make(&t, scenario, &s);
+    if (rc == 0 && (rc = simulation_create(&s, &t.e, seed, &why)) < 0)
         snprintf(end->why, sizeof end->why, "%.199s", why.text);
-    else
+    if (rc == 0 && scenario->n_triggers > 0) {
+        s.watch = triggers_look;
+        s.watch_ctx = &t;
+    }
+    if (rc == 0)
         rc = c.course ? judge_scenario(scenario, &s, &c, verdict, end) : APC_ENOMEM;
+    if (rc == 0)
+        triggers_judge(&t, verdict);
     simulation_destroy(&s);
+    free(t.memory);
     for (size_t i = 0; c.course && i < n; i++)
         free(c.course[i].at);
     free(c.course);

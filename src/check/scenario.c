@@ -3,7 +3,7 @@
  * The scenario file: an experiment file with some of its settings changed, and what is expected. Each change is
  * made as by `--set`; where the experiment is refused with it, the line that made it is told of.
  */
-#include "check.h"
+#include "check_internal.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -19,9 +19,18 @@ struct scenario_change {
     unsigned line; /* 0: of the command line */
 };
 
+/* A fault or action with a condition instead of a time. */
+struct scenario_when {
+    const config_setting_t *group;
+    enum scenario_trigger_what what;
+    size_t signal, fault; /* of a fault: whose, by its place; which of its own */
+};
+
 struct scenario_reading {
     struct settings s;
     struct scenario *of;
+    struct scenario_when *when;
+    size_t n_when;
     struct scenario_change *change;
     size_t n, room;
 };
@@ -55,17 +64,25 @@ static void add_change(struct scenario_reading *r, const char *path, char *value
 
 /* ---- Lists ---------------------------------------------------------------------------------- */
 
-/* A group without its member @p but. */
-static void put_group_but(FILE *out, const config_setting_t *group, const char *but)
+static bool has_when(const config_setting_t *group)
 {
-    fputs("{ ", out);
+    return config_setting_get_member(group, "when");
+}
+
+/* As the experiment has it: a fault without its signal; instead of its condition with a time, which is not kept. */
+static void put_experiment_group(FILE *out, const config_setting_t *group, bool fault)
+{
+    const bool waits = fault && has_when(group);
+    fputs(waits ? "{ at = 0.0; " : "{ ", out);
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         char *text = NULL;
-        if (but && !strcmp(config_setting_name(member), but))
+        const char *name = config_setting_name(member);
+        if ((fault && !strcmp(name, "signal")) ||
+            (waits && (!strcmp(name, "when") || !strcmp(name, "after"))))
             continue;
         if (experiment_setting_text(member, &text) == 0)
-            fprintf(out, "%s = %s; ", config_setting_name(member), text);
+            fprintf(out, "%s = %s; ", name, text);
         free(text);
     }
     fputc('}', out);
@@ -73,7 +90,7 @@ static void put_group_but(FILE *out, const config_setting_t *group, const char *
 
 /* The last change of @p path is a list, which gets one element more; or there is none, and it gets the first. */
 static void grow_list(struct scenario_reading *r, const char *path, const config_setting_t *element,
-                      const char *but)
+                      bool fault)
 {
     char *list = NULL;
     size_t size = 0;
@@ -81,10 +98,12 @@ static void grow_list(struct scenario_reading *r, const char *path, const config
     FILE *out = open_memstream(&list, &size);
     for (size_t i = r->n; i > 0 && !before; i--)
         before = strcmp(r->change[i - 1].path, path) ? NULL : r->change[i - 1].value;
+    if (before && before[1 + strspn(before + 1, " ")] == ')') /* a setting has emptied it */
+        before = NULL;
     if (out) {
         fprintf(out, "%.*s%s", before ? (int)strlen(before) - 1 : 1, before ? before : "(",
                 before ? ", " : "");
-        put_group_but(out, element, but);
+        put_experiment_group(out, element, fault);
         fputc(')', out);
     }
     if (!out || fclose(out) != 0) {
@@ -108,14 +127,46 @@ static void read_groups(struct scenario_reading *r, const config_setting_t *root
     }
 }
 
+static void add_when(struct scenario_reading *r, struct scenario_when when)
+{
+    struct scenario_when *at = reallocarray(r->when, r->n_when + 1, sizeof *at);
+    if (!at) {
+        lack_memory(r);
+        return;
+    }
+    r->when = at;
+    if (config_setting_get_member(when.group, "at"))
+        settings_fail(&r->s, when.group, "it has both \"at\" and \"when\": one of them says when it happens");
+    r->when[r->n_when++] = when;
+}
+
 static void read_scenario_action(struct scenario_reading *r, const config_setting_t *group)
 {
-    grow_list(r, "actions", group, NULL);
+    if (has_when(group))
+        add_when(r, (struct scenario_when){.group = group, .what = TRIGGER_ACTION});
+    else
+        grow_list(r, "actions", group, false);
 }
 
 static void read_scenario_disturbance(struct scenario_reading *r, const config_setting_t *group)
 {
-    grow_list(r, "plant.disturbances", group, NULL);
+    grow_list(r, "plant.disturbances", group, false);
+}
+
+static void put_fault_path(const struct experiment *e, const struct scenario_when *when, char *path,
+                           size_t size)
+{
+    const bool y = when->what == TRIGGER_SENSOR;
+    snprintf(path, size, "%s.%s.faults", y ? "measurements" : "outputs",
+             y ? e->y[when->signal].tag.name : e->u[when->signal].tag.name);
+}
+
+static size_t count_changes(const struct scenario_reading *r, const char *path)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < r->n; i++)
+        n += !strcmp(r->change[i].path, path);
+    return n;
 }
 
 static void read_scenario_fault(struct scenario_reading *r, const config_setting_t *group)
@@ -123,20 +174,27 @@ static void read_scenario_fault(struct scenario_reading *r, const config_setting
     const struct experiment *e = &r->of->e;
     char name[APC_TAG_LEN] = "", path[APC_TAG_LEN + 32] = "";
     struct nearest nearest = {.wanted = name};
+    struct scenario_when when = {.group = group};
     settings_text(&r->s, group, "signal", REQUIRED, name, sizeof name);
     for (size_t i = 0; i < e->dim.ny + e->dim.nu && !*path; i++) {
         const bool y = i < e->dim.ny;
         const char *its = y ? e->y[i].tag.name : e->u[i - e->dim.ny].tag.name;
-        if (!strcmp(its, name))
-            snprintf(path, sizeof path, "%s.%s.faults", y ? "measurements" : "outputs", name);
+        if (!strcmp(its, name)) {
+            when.what = y ? TRIGGER_SENSOR : TRIGGER_ACTUATOR;
+            when.signal = y ? i : i - e->dim.ny;
+            put_fault_path(e, &when, path, sizeof path);
+        }
         nearest_look(&nearest, its);
     }
+    when.fault = count_changes(r, path);
     if (!*path)
         settings_fail(&r->s, group, "there is no measurement or output \"%s\"%s%s%s", name,
                       nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
                       nearest.name ? "\"?" : "");
     else
-        grow_list(r, path, group, "signal");
+        grow_list(r, path, group, true);
+    if (has_when(group) && !r->s.failed)
+        add_when(r, when);
 }
 
 /* ---- Texts ---------------------------------------------------------------------------------- */
@@ -260,6 +318,75 @@ static void resolve_experiment(struct scenario_reading *r, const char *name, cha
                      name, EXPERIMENT_PATH - 1);
 }
 
+/* ---- Conditions ----------------------------------------------------------------------------- */
+
+/* Each fault of its signal was a change of its own, unless a setting has others. */
+static void find_triggered_fault(struct scenario_reading *r, const struct scenario_when *when,
+                                 struct scenario_trigger *trigger)
+{
+    const struct experiment *e = &r->of->e;
+    const bool y = when->what == TRIGGER_SENSOR;
+    const size_t n = y             ? e->sensor[when->signal].n_faults
+                     : e->actuator ? e->actuator[when->signal].n_faults
+                                   : 0;
+    char path[APC_TAG_LEN + 32];
+    put_fault_path(e, when, path, sizeof path);
+    if (n != count_changes(r, path))
+        settings_fail(&r->s, when->group, "a setting of %s is in the way of a fault with a condition", path);
+    else
+        trigger->fault = when->fault + (size_t)(y ? e->sensor[when->signal].fault - e->faults
+                                                  : e->actuator[when->signal].fault - e->actuator_faults);
+}
+
+/* What it is called among the expectations. */
+static void name_when(const struct scenario_when *when, const struct scenario_trigger *trigger,
+                      const char *condition, char *text, size_t size)
+{
+    static const char *const own[] = {"when", "after", "value", "at", NULL};
+    const char *what = "", *name = "";
+    char later[40] = "";
+    if (trigger->after > 0)
+        snprintf(later, sizeof later, "%.10g s after ", apc_ns_to_s(trigger->after));
+    (void)config_setting_lookup_string(when->group, "kind", &what);
+    (void)config_setting_lookup_string(when->group, "signal", &name);
+    for (int i = 0; when->what == TRIGGER_ACTION && i < config_setting_length(when->group); i++) {
+        const config_setting_t *member = config_setting_get_elem(when->group, (unsigned)i);
+        size_t k = 0;
+        while (own[k] && strcmp(own[k], config_setting_name(member)) != 0)
+            k++;
+        if (!own[k]) {
+            what = config_setting_name(member);
+            name = config_setting_get_string(member);
+        }
+    }
+    snprintf(text, size, "%s %s %s%s", what, name ? name : "", *later ? later : "when ", condition);
+}
+
+static void read_trigger(struct scenario_reading *r, const struct scenario_when *when)
+{
+    struct scenario *of = r->of;
+    struct scenario_trigger *trigger = &of->trigger[of->n_triggers];
+    const config_setting_t *member = config_setting_get_member(when->group, "when");
+    char condition[CHECK_TEXT] = "", text[2 * CHECK_TEXT];
+    struct apc_error why;
+    double after = 0;
+    *trigger = (struct scenario_trigger){.expectation = of->n_expect, .what = when->what};
+    settings_text(&r->s, when->group, "when", REQUIRED, condition, sizeof condition);
+    settings_number(&r->s, when->group, "after", OPTIONAL, 0, of->e.duration, &after);
+    (void)apc_ns_from_s(after, &trigger->after);
+    if (when->what == TRIGGER_ACTION)
+        experiment_read_action(&r->s, when->group, &of->e, &trigger->action);
+    else
+        find_triggered_fault(r, when, trigger);
+    if (r->s.failed)
+        return;
+    name_when(when, trigger, condition, text, sizeof text);
+    if (check_parse_when(&of->expect[of->n_expect], text, condition, &of->e, &of->sources, &why) < 0)
+        settings_fail(&r->s, member, "%s", why.text);
+    of->n_expect++;
+    of->n_triggers++;
+}
+
 /* ---- The file ------------------------------------------------------------------------------- */
 
 static void read_expectations(struct scenario_reading *r, const config_setting_t *root)
@@ -272,8 +399,9 @@ static void read_expectations(struct scenario_reading *r, const config_setting_t
         settings_fail(&r->s, list ? list : root,
                       "\"expect\" is missing: what is to become of the run, as "
                       "expect = ( \"never y < 20\" );");
-    of->expect = calloc((size_t)n + 1, sizeof *of->expect);
-    if (!of->expect)
+    of->expect = calloc((size_t)n + r->n_when + 1, sizeof *of->expect);
+    of->trigger = calloc(r->n_when + 1, sizeof *of->trigger);
+    if (!of->expect || !of->trigger)
         lack_memory(r);
     for (int i = 0; i < n && !r->s.failed; i++) {
         const char *text = text_in(r, list, i);
@@ -281,6 +409,8 @@ static void read_expectations(struct scenario_reading *r, const config_setting_t
         if (text && check_parse(x, text, &of->e, &of->sources, &why) < 0)
             settings_fail(&r->s, config_setting_get_elem(list, (unsigned)i), "%s", why.text);
     }
+    for (size_t i = 0; i < r->n_when && !r->s.failed; i++)
+        read_trigger(r, &r->when[i]);
 }
 
 static void read_runs(struct scenario_reading *r, const config_setting_t *root)
@@ -320,7 +450,11 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
     read_scenario_set(r, root);
     read_groups(r, root, "disturbances", read_scenario_disturbance);
     read_groups(r, root, "faults", read_scenario_fault);
+    const size_t before = r->n;
     read_groups(r, root, "actions", read_scenario_action);
+    const config_setting_t *actions = config_setting_get_member(root, "actions");
+    if (actions && r->n == before) /* in place of the experiment's all the same */
+        add_change(r, "actions", strdup("( )"), config_setting_source_line(actions));
     for (size_t i = 0; i < n; i++)
         add_change(r, set[i].path, strdup(set[i].value), 0);
     if (!r->s.failed && r->n > 0)
@@ -349,6 +483,7 @@ int scenario_load(struct scenario *scenario, const char *file, const struct expe
         free(r.change[i].value);
     }
     free(r.change);
+    free(r.when);
     return r.s.failed;
 }
 
@@ -357,5 +492,6 @@ void scenario_free(struct scenario *scenario)
     experiment_free(&scenario->e);
     free(scenario->expect);
     free(scenario->sources.at);
+    free(scenario->trigger);
     *scenario = (struct scenario){.runs = 0};
 }

@@ -290,7 +290,7 @@ static bool is_target_name(const char *name, const char *const *names)
 }
 
 /* The one member that says what is to be done; NULL after a failure. */
-static const config_setting_t *kind_of_action(struct settings *s, const config_setting_t *group)
+static const config_setting_t *kind_of_action(struct settings *s, const config_setting_t *group, bool timed)
 {
     const config_setting_t *kind = NULL;
     if (!config_setting_is_group(group)) {
@@ -300,9 +300,13 @@ static const config_setting_t *kind_of_action(struct settings *s, const config_s
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         const char *name = config_setting_name(member);
-        if (!strcmp(name, "at") || !strcmp(name, "value"))
+        if (!strcmp(name, timed ? "at" : "after") || !strcmp(name, "value") ||
+            (!timed && !strcmp(name, "when")))
             continue;
-        if (is_target_name(name, to_come))
+        if (timed && !strcmp(name, "when"))
+            settings_fail(s, member,
+                          "\"when\" is of a scenario, for apc check: an experiment's action has \"at\"");
+        else if (is_target_name(name, to_come))
             settings_fail(s, member, "an action \"%s\" is not possible yet: " POSSIBLE " are", name);
         else if (!is_target_name(name, done))
             settings_fail(s, member, "there is no action \"%s\": " POSSIBLE " are possible", name);
@@ -401,14 +405,15 @@ static void read_ack(struct settings *s, const config_setting_t *group, const ch
 }
 
 static void read_action(struct settings *s, const config_setting_t *group, const struct experiment *e,
-                        struct action *action, const struct apc_tag *tags, size_t n)
+                        bool timed, struct action *action, const struct apc_tag *tags, size_t n)
 {
-    const config_setting_t *kind = kind_of_action(s, group);
+    const config_setting_t *kind = kind_of_action(s, group, timed);
     char name[APC_TAG_LEN] = "";
     double at = 0;
     if (!kind)
         return;
-    settings_number(s, group, "at", REQUIRED, 0, 366 * 86400.0, &at);
+    if (timed)
+        settings_number(s, group, "at", REQUIRED, 0, 366 * 86400.0, &at);
     apc_ns_from_s(at, &action->at);
     const char *what = config_setting_name(kind);
     settings_text(s, group, what, REQUIRED, name, sizeof name);
@@ -442,12 +447,24 @@ void experiment_read_actions(struct settings *s, const config_setting_t *root, s
     for (int i = 0; i < n && !s->failed; i++) {
         struct action action = {0};
         size_t at = e->n_actions;
-        read_action(s, config_setting_get_elem(list, (unsigned)i), e, &action, tags, n_tags);
+        read_action(s, config_setting_get_elem(list, (unsigned)i), e, true, &action, tags, n_tags);
         for (; at > 0 && e->action[at - 1].at > action.at;
              at--) /* by time; at one time in the file's order */
             e->action[at] = e->action[at - 1];
         e->action[at] = action;
         e->n_actions++;
     }
+    free(tags);
+}
+
+void experiment_read_action(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                            struct action *action)
+{
+    size_t n = 0;
+    struct apc_tag *tags = provision_tags(e, &n);
+    if (tags)
+        read_action(s, group, e, false, action, tags, n);
+    else
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
     free(tags);
 }

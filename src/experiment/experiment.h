@@ -440,6 +440,11 @@ int action_find_promotion(const struct experiment *e, const char *name, struct a
  * from there, as it is. Fills action->to, n and local. Returns 0 or a negative error. */
 int action_find_owner(const struct experiment *e, const char *name, bool remote, struct action *action,
                       struct apc_error *why);
+/* An action that has a condition, `when` and `after`, which are the caller's, instead of a time; a mistake is a
+ * failure of @p s. */
+struct settings;
+void experiment_read_action(struct settings *s, const struct config_setting_t *group,
+                            const struct experiment *e, struct action *action);
 /* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it. An alarm
  * is acknowledged as it stands; where there is nothing to acknowledge only the event is put. Returns 0 or the store's error. */
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,

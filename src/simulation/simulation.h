@@ -82,6 +82,10 @@ struct simulation {
     _Atomic uint64_t in_vain;         /* those that had none */
     apc_ns sent_at;
 
+    /* NULL, or told of each tick of the plant before it is made, @t since t = 0 */
+    void (*watch)(void *ctx, apc_ns t);
+    void *watch_ctx;
+
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */
     volatile sig_atomic_t interrupt; /* it is asked to end */

@@ -4,6 +4,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "check/check.h"
 
@@ -308,6 +309,33 @@ static void a_mistake_has_the_line_of_the_scenario(void **state)
         {FIRST_ORDER
          "disturbances = ( { name = \"nothing\"; at = 1.0; value = 1.0; } ); expect = ( \"never y < 1\" );",
          ":2: "},
+        {FIRST_ORDER "actions = ( { when = \"y > 1\"; at = 1.0; set = \"r\"; value = 1.0; } ); expect = ( "
+                     "\"never y < 1\" );",
+         ":2: it has both \"at\" and \"when\""},
+        {FIRST_ORDER
+         "actions = (\n{ when = \"yy > 1\"; set = \"r\"; value = 1.0; } ); expect = ( \"never y < 1\" );",
+         ":3: \"yy > 1\": there is no signal \"yy\""},
+        {FIRST_ORDER "faults = (\n{ signal = \"y\"; when = \"y > 1 at 2 s\"; kind = \"stuck\"; } ); expect = "
+                     "( \"never y < 1\" );",
+         ":3: \"y > 1 at 2 s\": expected nothing more, not \"at\""},
+        {FIRST_ORDER
+         "actions = ( { when = \"y > 1\"; set = \"rr\"; value = 1.0; } ); expect = ( \"never y < 1\" );",
+         ":2: there is no \"rr\""},
+        {FIRST_ORDER "actions = ( { when = \"y > 1\"; after = 601.0; set = \"r\"; value = 1.0; } ); expect = "
+                     "( \"never y < 1\" );",
+         ":2: \"after\""},
+        {FIRST_ORDER
+         "actions = ( { at = 1.0; after = 1.0; set = \"r\"; value = 1.0; } ); expect = ( \"never y < 1\" );",
+         ":2: there is no action \"after\""},
+        {FIRST_ORDER "set = ( \"measurements.y.faults=()\" ); faults = (\n{ signal = \"y\"; when = \"y > "
+                     "1\"; kind = \"stuck\"; } ); expect = ( \"never y < 1\" );",
+         ":3: a setting of measurements.y.faults is in the way"},
+        {FIRST_ORDER "disturbances = ( { name = \"leak\"; when = \"y > 1\"; value = 1.0; } ); expect = ( "
+                     "\"never y < 1\" );",
+         ":2: "},
+        {FIRST_ORDER "actions = ( { at = 1.0; signal = \"y\"; set = \"r\"; value = 1.0; } ); expect = ( "
+                     "\"never y < 1\" );",
+         ":2: there is no action \"signal\""},
         {FIRST_ORDER "duration = -1.0; expect = ( \"never y < 1\" );", ":2: "},
         {FIRST_ORDER "runs = 0; expect = ( \"never y < 1\" );", ":2: \"runs\""},
     };
@@ -382,6 +410,84 @@ static void a_scripted_operator_acknowledges_an_alarm_that_stands(void **state)
                    failed, 1);
 }
 
+static void an_operator_is_as_quick_as_the_scenario_says(void **state)
+{
+    static const enum check_is held[] = {CHECK_HELD, CHECK_HELD}, slow[] = {CHECK_FAILED, CHECK_HELD},
+                               late[] = {CHECK_FAILED, CHECK_UNKNOWN};
+    (void)state;
+    assert_becomes(PUMP
+                   "actions = ( { when = \"alarm h2.deviation\"; after = 30.0; ack = \"h2.deviation\"; } );\n"
+                   "expect = ( \"operator acknowledges h2.deviation within 60 s\" );",
+                   held, 2);
+    assert_becomes(PUMP
+                   "actions = ( { when = \"alarm h2.deviation\"; after = 90.0; ack = \"h2.deviation\"; } );\n"
+                   "expect = ( \"operator acknowledges h2.deviation within 60 s\" );",
+                   slow, 2);
+    assert_becomes(
+        PUMP "actions = ( { when = \"alarm h2.deviation\"; after = 300.0; ack = \"h2.deviation\"; } );\n"
+             "expect = ( \"operator acknowledges h2.deviation within 60 s\" );",
+        late, 2);
+}
+
+/* ---- Conditions ------------------------------------------------------------------------------ */
+
+static void run_text(const char *text, struct check_verdict *verdict, size_t n)
+{
+    struct scenario scenario;
+    struct check_end ended;
+    struct apc_error why;
+    if (load_text(&scenario, text, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(scenario.n_expect, n);
+    assert_int_equal(scenario_run(&scenario, 1, verdict, &ended), 0);
+    scenario_free(&scenario);
+}
+
+/* Promise(simulation/check-when): A fault or action of a scenario that has a condition instead of a time happens at
+ *   the first tick of the plant at which that is true, as it would at this time; a condition that never is fails. */
+static void what_has_a_condition_happens_as_at_that_time(void **state)
+{
+    static const char expect[] = "expect = ( \"never plant y > 1000\", \"never plant u > 1000\" );";
+    static const char *const happens[] = {
+        "faults = ( { signal = \"y\"; kind = \"drift\"; size = 0.1; duration = 20.0; ",
+        "faults = ( { signal = \"y\"; kind = \"spike\"; size = -40.0; duration = 4.0; ",
+        "faults = ( { signal = \"u\"; kind = \"stuck\"; at = 1.0; duration = 1.0; },"
+        "           { signal = \"u\"; kind = \"stuck\"; duration = 20.0; ",
+        "actions = ( { set = \"r\"; value = 15.0; "};
+    (void)state;
+    for (size_t i = 0; i < sizeof happens / sizeof *happens; i++) {
+        struct check_verdict when[3], at[2], without[2];
+        char text[1000];
+        snprintf(text, sizeof text,
+                 FIRST_ORDER "duration = 100.0; %swhen = \"plant y > 5\"; after = 2.0; } ); %s", happens[i],
+                 expect);
+        run_text(text, when, 3);
+        assert_int_equal(when[2].is, CHECK_HELD);
+        snprintf(text, sizeof text, FIRST_ORDER "duration = 100.0; %sat = %.9f; } ); %s", happens[i],
+                 apc_ns_to_s(when[2].at), expect);
+        run_text(text, at, 2);
+        snprintf(text, sizeof text, FIRST_ORDER "duration = 100.0; %s", expect);
+        run_text(text, without, 2);
+        if (memcmp(&when[0].closest, &without[0].closest, sizeof when[0].closest) == 0 &&
+            memcmp(&when[1].closest, &without[1].closest, sizeof when[1].closest) == 0)
+            fail_msg("%s: changes nothing", happens[i]);
+        for (size_t k = 0; k < 2; k++) {
+            assert_memory_equal(&when[k].closest, &at[k].closest, sizeof at[k].closest);
+            assert_int_equal(when[k].closest_at, at[k].closest_at);
+        }
+    }
+}
+
+static void a_condition_that_never_comes_true_fails(void **state)
+{
+    static const enum check_is is[] = {CHECK_HELD, CHECK_FAILED};
+    (void)state;
+    assert_becomes(FIRST_ORDER
+                   "faults = ( { signal = \"y\"; kind = \"dropout\"; when = \"plant y > 1000\"; } );"
+                   "expect = ( \"never u at fault value\" );",
+                   is, 2);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -396,6 +502,9 @@ int main(void)
         cmocka_unit_test(a_mistake_has_the_line_of_the_scenario),
         cmocka_unit_test(a_run_is_judged),
         cmocka_unit_test(a_scripted_operator_acknowledges_an_alarm_that_stands),
+        cmocka_unit_test(an_operator_is_as_quick_as_the_scenario_says),
+        cmocka_unit_test(what_has_a_condition_happens_as_at_that_time),
+        cmocka_unit_test(a_condition_that_never_comes_true_fails),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What happens in a run once a condition is true: that is looked at, and done, at the ticks of the plant. */
+#include "check_internal.h"
+
+#include "base/parts.h"
+
+#define NEVER INT64_MAX
+
+/* The experiment with faults of this run alone, since they begin when it says so. */
+int triggers_make(struct run_triggers *t, const struct scenario *of, struct simulation *s)
+{
+    struct experiment *e = &t->e;
+    const size_t n_actuators = of->e.actuator ? of->e.dim.nu : 0;
+    size_t n_faults = 0, n_actuator_faults = 0;
+    *t = (struct run_triggers){.of = of, .s = s, .e = of->e, .first = -1};
+    for (size_t i = 0; i < e->dim.ny; i++)
+        n_faults += e->sensor[i].n_faults;
+    for (size_t i = 0; i < n_actuators; i++)
+        n_actuator_faults += e->actuator[i].n_faults;
+    const struct apc_part parts[] = {
+        APC_PART(t->met, of->n_triggers),
+        APC_PART(t->done, of->n_triggers),
+        APC_PART_COPY(e->sensor, e->dim.ny, of->e.sensor),
+        APC_PART_COPY(e->actuator, n_actuators, of->e.actuator),
+        APC_PART_COPY(e->faults, n_faults, of->e.faults),
+        APC_PART_COPY(e->actuator_faults, n_actuator_faults, of->e.actuator_faults)};
+    t->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
+    if (!t->memory)
+        return APC_ENOMEM;
+    for (size_t i = 0, n = 0; i < e->dim.ny; n += e->sensor[i++].n_faults)
+        e->sensor[i].fault = e->faults + n;
+    for (size_t i = 0, n = 0; i < n_actuators; n += e->actuator[i++].n_faults)
+        e->actuator[i].fault = e->actuator_faults + n;
+    if (n_actuators == 0) /* of no elements: it would be taken for one of each output */
+        e->actuator = NULL;
+    for (size_t i = 0; i < of->n_triggers; i++) {
+        const struct scenario_trigger *trigger = &of->trigger[i];
+        t->met[i] = t->done[i] = NEVER;
+        if (trigger->what == TRIGGER_SENSOR)
+            e->faults[trigger->fault].at = NEVER;
+        else if (trigger->what == TRIGGER_ACTUATOR)
+            e->actuator_faults[trigger->fault].at = NEVER;
+    }
+    return 0;
+}
+
+/* What a source is at @p t. */
+static struct check_point point_now(const struct run_triggers *t, const struct check_source *of, apc_ns now)
+{
+    const struct trajectory *c = &t->s->trajectory;
+    const struct curve *curve = of->table == APC_SENSOR ? c->output : c->input;
+    struct apc_sample row = {.table = of->table, .id = of->id};
+    if (of->plant) {
+        curve += of->id - 1;
+        return curve->n > 0 ? (struct check_point){.value = curve->at[curve->n - 1].value, .known = true}
+                            : (struct check_point){.known = false};
+    }
+    if (apc_store_read(t->s->store, &row, 1) < 0 || (row.seq == 0 && of->table != APC_ALARM))
+        return (struct check_point){.known = false};
+    struct check_point point = check_point_of(of, &row);
+    if (row.seq == 0)
+        point.value = APC_ALARM_NORMAL;
+    if (of->horizon > 0 && now - point.t >= of->horizon)
+        point.known = false;
+    return point;
+}
+
+static void happen_now(struct run_triggers *t, const struct scenario_trigger *trigger, apc_ns now)
+{
+    if (trigger->what == TRIGGER_ACTION)
+        simulation_do(t->s, &trigger->action, "operator");
+    else if (trigger->what == TRIGGER_SENSOR)
+        t->e.faults[trigger->fault].at = now - t->first;
+    else
+        t->e.actuator_faults[trigger->fault].at = now - t->first;
+}
+
+void triggers_look(void *ctx, apc_ns now)
+{
+    struct run_triggers *t = ctx;
+    if (t->first < 0)
+        t->first = now;
+    for (size_t i = 0; i < t->of->n_triggers; i++) {
+        const struct scenario_trigger *trigger = &t->of->trigger[i];
+        const struct expectation *x = &t->of->expect[trigger->expectation];
+        if (t->met[i] == NEVER) {
+            const struct check_point point = point_now(t, &t->of->sources.at[x->course], now);
+            if (point.known && check_is_true(x, &point))
+                t->met[i] = now;
+        }
+        if (t->done[i] == NEVER && t->met[i] != NEVER && now - t->met[i] >= trigger->after) {
+            t->done[i] = now;
+            happen_now(t, trigger, now);
+        }
+    }
+}
+
+/* It is known when it was seen to be true; between two looks is not seen. */
+void triggers_judge(const struct run_triggers *t, struct check_verdict *verdict)
+{
+    for (size_t i = 0; i < t->of->n_triggers; i++) {
+        struct check_verdict *v = &verdict[t->of->trigger[i].expectation];
+        if (t->done[i] != NEVER) {
+            v->is = CHECK_HELD;
+            v->at = t->done[i];
+        } else if (t->met[i] != NEVER) {
+            check_say_unknown(v, "the run ends before its time is over");
+        } else if (v->is == CHECK_HELD) {
+            check_say_unknown(v, "it was true only between two ticks of the plant");
+        }
+    }
+}
