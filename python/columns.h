@@ -114,5 +114,12 @@ int apc_alarm_summary_want(const struct apc_alarm_summary *board, struct apc_sto
 int apc_alarm_summary_fate(struct apc_alarm_summary *board, struct apc_store *store,
                            struct apc_demand *demand, struct apc_error *why);
 
+/* Why loop @p output moved, as JSON, to be freed: at the last tick until @p at, UTC (0: the newest), or over so many
+ * ns until then. Returns 0, APC_ENOTFOUND: there is no such loop or tick, APC_ESTATE: its ticks do not come out of
+ * their record, or another error, with nothing in @p json. */
+int apc_why_json(struct apc_store *store, const char *output, int64_t at, int64_t over, char **json,
+                 struct apc_error *why);
+void apc_why_free(char *json);
+
 /* Sleep until that time of CLOCK_MONOTONIC, in ns. Returns 1, or 0: a signal came before. */
 int apc_sleep_until(int64_t time);

@@ -60,6 +60,30 @@ def test_a_store_as_it_was(store):
         then.read("y")
 
 
+# Promise(simulation/why-output-in-a-store)
+def test_why_an_output_moved():
+    e = apc.Experiment("here.conf", TEXT)
+    s = e.simulate()
+    s.run(21)
+    s.write("r", 12)
+    s.run(40)
+    e.provision(s.store)
+    written = s.store.history("r").time[-1]
+    answer = s.store.why("u", at=written + np.timedelta64(2, "s"))
+    first = answer["inputs"][0]
+    assert (first["input"], first["kind"], first["before"], first["now"]) == ("r", "setpoint", 10, 12)
+    assert first["written"] == written.astype(int) / 1e9 and first["effect"] > 0
+    assert sum(cause["effect"] for cause in answer["inputs"]) + answer["earlier"] + answer["together"] == pytest.approx(answer["now"] - answer["before"])
+    newest = s.store.why("u", over=10)
+    assert newest["output"] == "u" and newest["time"] > answer["time"] and newest["from"] == newest["time"] - 10
+    with pytest.raises(apc.NotFoundError, match='no loop "v"'):
+        s.store.why("v")
+    with pytest.raises(apc.NotFoundError, match="no tick until then"):
+        s.store.why("u", at="1999-12-31")
+    with pytest.raises(ValueError, match="over = -1"):
+        s.store.why("u", over=-1)
+
+
 def test_the_future_is_not_on_record(tmp_path):
     with apc.Store(f"sqlite:{tmp_path}/x.db") as store:
         store.init()

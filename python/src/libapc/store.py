@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from json import loads
 from math import nan
 from time import sleep, time
 from types import TracebackType
@@ -247,6 +248,17 @@ class Store:
         """All that the store describes, as they stand."""
         with self._owned as s:
             return self._board().read(s)
+
+    def why(self, output: str, at: Optional[Time] = None, over: float = 0) -> dict[str, Any]:
+        """Why an output moved (docs/why.md): at its last tick until `at`, by default its newest, or over so many s until then.
+        `output` is the name of a loop. The answer is that of `apc why --json`. `NotFoundError`: there is no such loop, or no
+        tick; `StateError`: its ticks do not come out of the record, and the sentence says why."""
+        json, reason = ffi.new("char **"), why()
+        if not 0 <= over <= 366 * 86400:
+            raise error(lib.APC_EINVAL, f"over = {over:g}: expected 0 to 366 days, in s")
+        with self._owned as s:
+            check(lib.apc_why_json(s, utf8("output", output), _ns(at), round(over * 1e9), json, reason), reason)
+        return loads(text(ffi.gc(json[0], lib.apc_why_free)))  # type: ignore[no-any-return]
 
     def acknowledge(self, alarm: str, comment: str = "", author: Optional[str] = None, seen: int = 0,
                     wait: bool = True) -> Alarm:
