@@ -284,6 +284,13 @@ APC_API struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law,
 APC_API int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, const double *tuning,
                         struct apc_error *why);
 
+/** A term of a law's output, as its name says: "u_bar", "P", "I", "D", "feed-forward". */
+struct apc_law_term {
+    const char *name; /**< static */
+    double value;
+};
+#define APC_LAW_TERMS 5
+
 /** Called for each variable that a law publishes; @p output: of which, 0 where the law is whole. */
 typedef void (*apc_published_fn)(void *ctx, size_t output, const struct apc_published *published);
 /**

@@ -84,7 +84,14 @@ void apc_instances_update(struct apc_instances *instances, size_t k,
 void apc_instances_track(struct apc_instances *instances, size_t k,
                          const struct apc_law_call *call); /**< [tick] */
 
+/** The terms of its u, after apc_instances_compute(): @p term [APC_LAW_TERMS]. Returns how many. [any] */
+size_t apc_instances_terms(struct apc_instances *instances, size_t k, const struct apc_law_call *call,
+                           struct apc_law_term *term);
+
 /* ---- For laws -------------------------------------------------------------------------------- */
+
+size_t apc_pi_terms(const struct apc_law_call *c, struct apc_law_term *term);
+size_t apc_pid_terms(const struct apc_law_call *c, struct apc_law_term *term);
 
 /** Check a law from outside; @p from, its path or name, begins the error's text. Returns 0 or APC_EINVAL. */
 int apc_law_check(const struct apc_law *law, const char *from, struct apc_error *why);

@@ -483,6 +483,14 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
     return APC_LAW_FAILED;
 }
 
+size_t apc_instances_terms(struct apc_instances *s, size_t k, const struct apc_law_call *call,
+                           struct apc_law_term *term)
+{
+    return s->law == &apc_law_pi    ? apc_pi_terms(instance_call(s, k, call), term)
+           : s->law == &apc_law_pid ? apc_pid_terms(instance_call(s, k, call), term)
+                                    : 0;
+}
+
 void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
     struct apc_law_call *c = instance_call(s, k, call);

@@ -27,6 +27,14 @@ static double proportional(const struct apc_law_call *c)
     return c->tuning[U_BAR] + c->tuning[KP] * (c->z[0] - c->y[0]);
 }
 
+size_t apc_pi_terms(const struct apc_law_call *c, struct apc_law_term *term)
+{
+    term[0] = (struct apc_law_term){"u_bar", c->tuning[U_BAR]};
+    term[1] = (struct apc_law_term){"P", c->tuning[KP] * (c->z[0] - c->y[0])};
+    term[2] = (struct apc_law_term){"I", c->x[0]};
+    return 3;
+}
+
 static size_t pi_n_state(const struct apc_dim *dim)
 {
     (void)dim;

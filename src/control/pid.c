@@ -93,6 +93,13 @@ static void pid_track(struct apc_law_call *c)
     apc_pid_track(&l, c->u[0], c->gap);
 }
 
+size_t apc_pid_terms(const struct apc_law_call *c, struct apc_law_term *term)
+{
+    const struct pid_loop l = loop(c);
+
+    return apc_pid_loop_terms(&l, term);
+}
+
 static int pid_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     return apc_law_check_order(&apc_law_pid, setup, p, PID_U_MIN, PID_U_MAX, why);

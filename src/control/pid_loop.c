@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "control/pid_loop.h"
 
+#include <string.h>
+
 #include "control/control_internal.h"
 
 enum { I, SLOPE_Y, SLOPE_R, LAST_Y, LAST_R, LAST_U };
@@ -53,6 +55,19 @@ void apc_pid_reset(const struct pid_loop *l)
 double apc_pid_wanted(const struct pid_loop *l)
 {
     return output_without_integral(l) + l->x[I];
+}
+
+size_t apc_pid_loop_terms(const struct pid_loop *l, struct apc_law_term *term)
+{
+    const double *p = l->p;
+    const struct apc_law_term terms[] = {{"u_bar", p[PID_U_BAR]},
+                                         {"P", p[PID_KP] * (p[PID_B] * l->r - l->y)},
+                                         {"I", l->x[I]},
+                                         {"D", derivative_part(l)},
+                                         {"feed-forward", l->feed_forward}};
+
+    memcpy(term, terms, sizeof(terms));
+    return sizeof(terms) / sizeof(*terms);
 }
 
 double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited)

@@ -64,6 +64,8 @@ struct pid_loop {
 void apc_pid_reset(const struct pid_loop *l);
 /* v: the output that the loop wants. */
 double apc_pid_wanted(const struct pid_loop *l);
+/* What it is the sum of. Returns how many. */
+size_t apc_pid_loop_terms(const struct pid_loop *l, struct apc_law_term *term);
 /* What the limits leave of it; notes in *limited what they cut. */
 double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited);
 /* The state for the next tick, u being what went out. An increment of the integral that way in which its

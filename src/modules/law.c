@@ -230,6 +230,16 @@ static unsigned loop_asks(const struct apc_controller *c, const struct apc_contr
     return is_backup_law(c, law) ? move->backup : move->law;
 }
 
+size_t apc_controller_terms(struct apc_controller *c, size_t i, struct apc_law_term *term)
+{
+    const enum apc_loop_output put = c->state[i].move.output;
+    struct apc_controller_law *law = put == APC_PUT_BACKUP ? &c->backup : &c->law;
+
+    if (put != APC_PUT_LAW && put != APC_PUT_BACKUP)
+        return 0;
+    return apc_instances_terms(law->instances, law->definition->whole ? 0 : i, &law->call, term);
+}
+
 static bool goes_out(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
 {
     return c->state[i].move.output == (is_backup_law(c, law) ? APC_PUT_BACKUP : APC_PUT_LAW);

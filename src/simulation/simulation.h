@@ -286,6 +286,11 @@ struct why {
     double low, high;        /* its limits */
     struct why_cause *cause; /* [n] the greatest effect first */
     size_t n;
+    struct why_term {
+        const char *name;
+        double before, now; /* NAN: not known; before the first tick, or not the law's */
+    } term[APC_LAW_TERMS];  /* [n_terms] what the law's answer is the sum of, before limits */
+    size_t n_terms;
     double earlier;  /* what it moves without any of them: integral action, ramps, filters */
     double together; /* what they do only together */
     size_t lead;     /* so many ticks were computed before those of the move */

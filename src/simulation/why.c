@@ -404,6 +404,33 @@ static int try_causes(struct move *m, struct why *w)
     return 0;
 }
 
+/* The terms of the law at tick @p k alone, which goes on from the row before it; 0: they are not known. */
+static size_t terms_of_tick(struct move *m, size_t i, size_t k, struct apc_law_term *term)
+{
+    struct replay_controller *rc = m->rc;
+    struct apc_notice notice;
+    if (k == 0 || rc->ticks.at[k - 1].n != rc->core->out_row->n ||
+        replay_start_controller(m->r, rc, &rc->ticks.at[k - 1], rc->ticks.at[k - 1].time) < 0)
+        return 0;
+    rc->row = tick_of_move(m, k - 1);
+    rc->now = (struct apc_now){.mono = APC_NS_PER_S, .utc = rc->ticks.at[k - 1].time};
+    (void)replay_give_tick(m->r, rc, &rc->ticks.at[k], tick_of_move(m, k));
+    replay_compute_tick(rc, tick_of_move(m, k), &notice);
+    return replay_is_made(rc->core, tick_of_move(m, k)) ? apc_controller_terms(rc->core, i, term) : 0;
+}
+
+static void find_terms(struct move *m, struct why *w)
+{
+    struct apc_law_term before[APC_LAW_TERMS], now[APC_LAW_TERMS];
+    const size_t n_before = terms_of_tick(m, w->element, m->from, before),
+                 n = terms_of_tick(m, w->element, m->until, now);
+    w->n_terms = n > n_before ? n : n_before;
+    for (size_t i = 0; i < w->n_terms; i++)
+        w->term[i] = (struct why_term){.name = i < n ? now[i].name : before[i].name,
+                                       .before = i < n_before ? before[i].value : (double)NAN,
+                                       .now = i < n ? now[i].value : (double)NAN};
+}
+
 /* ---- A loop's move --------------------------------------------------------------------------- */
 
 /* The loop's controller; NULL: it has none of that name. */
@@ -513,6 +540,8 @@ int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc
     }
     if (rc == 0)
         rc = try_causes(&m, w);
+    if (rc == 0)
+        find_terms(&m, w);
     free(m.row);
     if (rc < 0)
         apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : r->why.text);

@@ -199,9 +199,12 @@ static int move_json(const struct why_question *q, const struct why *w, struct t
     json_add(t, "output:%s, controller:%s, unit:%s, from:%g, time:%g, before:%g, now:%g", w->loop,
              w->by->of->name, w->output ? w->output->unit : NULL, when_number(q, w->before->time),
              when_number(q, w->tick->time), w->u_before, w->u);
-    json_add(t, "state_before:%s, state:%s, reason:%-s, low:%e, high:%e, earlier:%g, together:%g, inputs:[",
+    json_add(t, "state_before:%s, state:%s, reason:%-s, low:%e, high:%e, earlier:%g, together:%g, terms:[",
              why_state_name(w->state_before), why_state_name(w->state), w->reason, w->low, w->high,
              w->earlier, w->together);
+    for (size_t i = 0; i < w->n_terms; i++)
+        json_add(t, "{term:%s, before:%g, now:%g}", w->term[i].name, w->term[i].before, w->term[i].now);
+    json_add(t, "], inputs:[");
     for (size_t i = 0; i < w->n && rc == 0; i++)
         rc = cause_json(q, w, &w->cause[i], t, why);
     json_add(t, "]");

@@ -8,7 +8,7 @@ import {clock, fromUntil, number, span as spanText} from "./core/format";
 import {plant} from "./core/model";
 import {known, tr} from "./core/texts";
 import type {Cause, Loop, Plant, Unexplained, Why} from "./core/types";
-import {effectText, limitOf, type Part, part, query, type Question, shareText, SPANS, spanOf, stateWord, told} from "./core/why";
+import {effectText, limitOf, type Part, part, query, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
 import {Dialog} from "./dialog";
 import {Tag} from "./parts/tag";
 import {place} from "./router";
@@ -61,6 +61,7 @@ function Answer({about, plant: p}: {about: Question; plant: Plant}): JSX.Element
 function Move({of, plant: p}: {of: Why; plant: Plant}): JSX.Element {
   const limit = limitOf(of);
   const states = [...new Set([of.state_before, of.state])].map(stateWord).join(" → ");
+  const terms = termsText(of);
   const causes = of.inputs.flatMap(cause => {
     const its = part(cause.effect, of);
     return its ? [{cause, its}] : [];
@@ -78,6 +79,7 @@ function Move({of, plant: p}: {of: Why; plant: Plant}): JSX.Element {
       <p>
         {states}{of.reason != null && `: ${of.reason}`}{limit && `, ${tr(limit)}`}
       </p>
+      {terms && <p class="say">{tr("why.law", {terms})}</p>}
       {causes.length + rest.length === 0 ? <p class="say">{tr("why.nothing")}</p> : (
         <table class="data cards">
           <caption class="hidden">{tr("why.of", {loop: of.output})}</caption>

@@ -163,6 +163,29 @@ static void print_move_limit(const struct why *w)
         printf("  the loop below cannot follow %s\n", direction(w->blocked));
 }
 
+static const char *term_text(double value, char text[PRINT_LEN])
+{
+    snprintf(text, PRINT_LEN, isnan(value) ? "none" : "%.6g", value);
+    return text;
+}
+
+/* Before and now, of those that are not 0 all the time: "  law: P 0.2 -> 0.6, I 1.5 -> 1.5". */
+static void print_terms(const struct why *w)
+{
+    char before[PRINT_LEN], now[PRINT_LEN];
+    const char *between = "  law:";
+    for (size_t i = 0; i < w->n_terms; i++) {
+        const struct why_term *term = &w->term[i];
+        if (term->before == 0 && term->now == 0)
+            continue;
+        printf("%s %s %s -> %s", between, term->name, term_text(term->before, before),
+               term_text(term->now, now));
+        between = ",";
+    }
+    if (*between == ',')
+        putchar('\n');
+}
+
 static int print_why(const struct why_question *q, const struct why *w, struct apc_error *why)
 {
     char before[PRINT_LEN], now[PRINT_LEN], time[APC_TIME_LEN];
@@ -177,6 +200,7 @@ static int print_why(const struct why_question *q, const struct why *w, struct a
     fputs(w->reason[0] ? ": " : "", stdout);
     print_clean(stdout, w->reason);
     putchar('\n');
+    print_terms(w);
     print_move_limit(w);
     int rc = print_causes(w);
     print_idle(w);

@@ -67,6 +67,7 @@ apc_error
 apc_frame
 apc_freshness
 apc_identified
+apc_law_term
 apc_linear
 apc_notice
 apc_pair

@@ -267,6 +267,35 @@ static void who_wrote_is_told_in_the_words_of_the_write(void **state)
     }
 }
 
+/* Promise(simulation/why-terms): The terms of `pi` and `pid` before and after a move add up to the output. */
+static void the_terms_of_a_law_are_its_output(void **state)
+{
+    static const struct {
+        const char *name, *loop;
+        double from, until;
+        size_t n;
+    } of[] = {{"first-order", "u", 30, 40, 3}, {"quadruple-tank", "v1", 101, 140, 5}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        double before = 0, now = 0;
+        make_run(of[i].name, "", of[i].until + 10);
+        explain(of[i].loop, of[i].from, of[i].until);
+        assert_int_equal(answer.n_terms, of[i].n);
+        for (size_t k = 0; k < answer.n_terms; k++) {
+            before += answer.term[k].before;
+            now += answer.term[k].now;
+        }
+        assert_near(before, answer.u_before, 1e-12 * fabs(before));
+        assert_near(now, answer.u, 1e-12 * fabs(now));
+    }
+    make_run("first-order", "actions = ( { at = 30.1; mode = \"u\"; value = \"Man\"; } );", 60);
+    explain("u", 29, 33);
+    assert_string_equal(answer.term[1].name, "P"); /* before the operator took it, */
+    assert_true(isfinite(answer.term[1].before) && isnan(answer.term[1].now));
+    explain("u", 40, 44); /* and since then there is none */
+    assert_int_equal(answer.n_terms, 0);
+}
+
 /* Promise(simulation/why-output-moved) */
 static void a_damaged_record_is_not_explained(void **state)
 {
@@ -395,6 +424,7 @@ int main(void)
         cmocka_unit_test_teardown(the_change_that_moved_an_output_comes_first, end),
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
         cmocka_unit_test_teardown(who_wrote_is_told_in_the_words_of_the_write, end),
+        cmocka_unit_test_teardown(the_terms_of_a_law_are_its_output, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
         cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),
         cmocka_unit_test_teardown(a_question_is_answered_in_time_or_refused, end),

@@ -308,6 +308,7 @@ export interface Why {
   high: number | null;
   earlier: number | null;
   together: number | null;
+  terms: {term: string; before: number | null; now: number | null}[]; // that the law's answer is the sum of
   inputs: Cause[];
   above?: Why | Unexplained;
 }
