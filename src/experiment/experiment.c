@@ -146,18 +146,13 @@ static void read_model_text(struct settings *s, const config_setting_t *member, 
         nearest_look(nearest, texts[k].name);
     if (rc < 0 && rc != APC_ENOTFOUND)
         settings_fail(s, member, "%s", why.text);
-    else if (rc < 0)
+    else if (rc < 0 && (nearest->name || owner->n + n == 0))
         settings_fail(s, member, "%s has no parameter \"%s\"%s%s%s", owner->name, name,
-                      nearest->name          ? ": did you mean \""
-                      : owner->n + n == 0    ? "; it has none at all"
-                      : owner->model != NULL ? "; `apc plants "
-                                             : "; `apc laws ",
-                      nearest->name       ? nearest->name
-                      : owner->n + n == 0 ? ""
-                                          : owner->name,
-                      nearest->name       ? "\"?"
-                      : owner->n + n == 0 ? ""
-                                          : "` shows what it has");
+                      nearest->name ? ": did you mean \"" : "; it has none at all",
+                      nearest->name ? nearest->name : "", nearest->name ? "\"?" : "");
+    else if (rc < 0)
+        settings_fail(s, member, "%s has no parameter \"%s\"; `apc %s %s` shows what it has", owner->name,
+                      name, owner->model ? "plants" : "laws", owner->name);
 }
 
 /* Names of a group of parameters are those of the law or the model; absent ones keep their initial value.
@@ -766,13 +761,11 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
 
     memset(e, 0, sizeof *e);
     int rc = experiment_read(name, file, &record, &text, why);
+    const struct experiment_source source = {.file = file, .text = text, .record = &record};
     if (rc == 0 && overrides && (overrides->n_set > 0 || overrides->model_file))
-        rc = experiment_parse_changed(
-            e, &(struct experiment_source){.file = file, .text = text, .record = &record}, parts, overrides,
-            why);
+        rc = experiment_parse_changed(e, &source, parts, overrides, why);
     else if (rc == 0)
-        rc = experiment_parse(e, &(struct experiment_source){.file = file, .text = text, .record = &record},
-                              parts, overrides, why);
+        rc = experiment_parse(e, &source, parts, overrides, why);
     free(text);
     record_free(&record);
     return rc;
