@@ -4,7 +4,8 @@
  *
  * Benzene and toluene at constant pressure. States are the liquid in the drum and its mole fraction of
  * benzene. Temperature, vapour's mole fraction and vapour flow follow at once: liquid and vapour are in
- * equilibrium (Raoult's law, Antoine's equation), and no heat is stored.
+ * equilibrium (Raoult's law, Antoine's equation), and no heat is stored. In the paper's Listing 6 f is
+ * x' = f(t, x, args) and residual 0 = g(t, x, args).
  */
 #include <apcplant.h>
 #include <math.h>
@@ -16,16 +17,18 @@
 #define V      x[4]
 
 /*                                      name       unit       description                initial low high */
-static const struct apc_param param[] = {{"P", "kPa", "pressure", 101.325, 20.0, 500.0},
-                                         {"cp", "kJ/kmol/K", "heat capacity of the liquid", 155.0, 50.0, 500.0},
-                                         {"lambda", "kJ/kmol", "heat of vaporisation", 32000.0, 1e4, 1e5},
-                                         {"T_feed", "degC", "temperature of the feed", 90.0, 0.0, 110.0},
-                                         {"Kv", "kmol^0.5/s", "outlet's valve", 0.0062, 1e-4, 0.1}};
+static const struct apc_param param[] = {
+    {"P", "kPa", "pressure", 101.325, 20.0, 500.0},
+    {"cp", "kJ/kmol/K", "heat capacity of the liquid", 155.0, 50.0, 500.0},
+    {"lambda", "kJ/kmol", "heat of vaporisation", 32000.0, 1e4, 1e5},
+    {"T_feed", "degC", "temperature of the feed", 90.0, 0.0, 110.0},
+    {"Kv", "kmol^0.5/s", "outlet's valve", 0.0062, 1e-4, 0.1}};
 static const struct apc_param state[] = {{"M", "kmol", "liquid in the drum", 10.0, 0.1, 20.0},
                                          {"x", "", "mole fraction of benzene in it", 0.4, 0.0, 1.0}};
-static const struct apc_param algebraic[] = {{"T", "degC", "temperature", 95.0, 0.0, 200.0},
-                                             {"y", "", "mole fraction of benzene in the vapour", 0.6, 0.0, 1.0},
-                                             {"V", "kmol/s", "flow of the vapour", 0.01, -1.0, 1.0}};
+static const struct apc_param algebraic[] = {
+    {"T", "degC", "temperature", 95.0, 0.0, 200.0},
+    {"y", "", "mole fraction of benzene in the vapour", 0.6, 0.0, 1.0},
+    {"V", "kmol/s", "flow of the vapour", 0.01, -1.0, 1.0}};
 static const struct apc_param input[] = {{"Q", "kW", "heating", 350.0, 0.0, 1000.0},
                                          {"valve", "%", "outlet of the liquid", 50.0, 0.0, 100.0}};
 static const struct apc_param disturbance[] = {{"F", "kmol/s", "flow of the feed", 0.02, 0.0, 0.05},

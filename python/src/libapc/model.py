@@ -117,7 +117,8 @@ class Model:
         check(lib.apc_model_linearize(self._model, pointer(p_), pointer(x_), pointer(u_), pointer(a), pointer(b),
                                       pointer(c), pointer(d), reason), reason)
         y = np.zeros(self.ny)
-        check(lib.apc_model_evaluate(self._model, pointer(p_), pointer(x_), pointer(u_), ffi.NULL, pointer(y), reason), reason)
+        check(lib.apc_model_evaluate(self._model, pointer(p_), pointer(x_), pointer(u_), ffi.NULL, pointer(y),
+                                     reason), reason)
         return Linear(a, b, c, d, x_, u_, y, self.nd)
 
     def equilibrium(self, u: Optional["ArrayLike"] = None, x: Optional["ArrayLike"] = None,
@@ -131,7 +132,7 @@ class Model:
 
     def plant(self, x0: Optional["ArrayLike"] = None, p: Optional[Parameters] = None, integrator: Optional[str] = None,
               dead_time: float = 0.0) -> "Integrated":
-        """One of these, to be advanced: at state x0 [nx]. Integrator None: "cvode", or "ida" where there are algebraic equations."""
+        """One of these, to be advanced: at state x0 [nx]. None: "cvode", or "ida" for algebraic equations."""
         return Integrated(self, x0, p, integrator, dead_time)
 
     def _parameters(self, p: Optional[Parameters]) -> Any:
