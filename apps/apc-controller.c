@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * apc-controller: the control module. Each tick costs two round trips to the store: one reads all that
- * the law needs, one writes all that it made.
+ * the law needs, one writes all that it made. Its main thread moves the ramps of what the controller takes.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,6 +13,7 @@
 #include "operate/operate.h"
 
 #define PLACE_MAX 8 /* characters of its name */
+#define IDLE      4 /* looks until one is made at ramps where there was none */
 
 struct shell {
     struct daemon d;
@@ -26,6 +27,9 @@ struct shell {
     struct standby standby;
     bool following; /* another one acts */
     bool refused;   /* the place of that one, which was said */
+    struct known_plant plant;
+    struct ramps ramps; /* the main thread's */
+    unsigned looks;
 };
 
 #define AT(member) .to = offsetof(struct shell, member)
@@ -239,6 +243,40 @@ static int on_controller_tick(void *ctx, const struct apc_tick *tick)
     return rc == APC_EBUSY && s->place ? step_back(s) : daemon_fatal(&s->d, s->store, rc);
 }
 
+/* ---- Ramps --------------------------------------------------------------------------------- */
+
+static void say_ramp_ended(void *ctx, const char *text)
+{
+    daemon_event(ctx, APC_EVENT_INFO, "ramp", "%s", text);
+}
+
+/* A store that is away keeps them where they are. */
+static void move_ramps(void *ctx)
+{
+    struct shell *s = ctx;
+    const struct ramp_told told = {.ctx = &s->d, .ended = say_ramp_ended};
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    if (s->looks++ % IDLE > 0 || atomic_load(&s->d.idle))
+        return;
+    if (ramps_step(&s->ramps, daemon_records(&s->d), now, &told) != 0)
+        s->looks = 0;
+}
+
+static int open_ramps(struct shell *s)
+{
+    const struct experiment *e = &s->d.experiment;
+    struct known_plant *p = &s->plant;
+    p->tag = provision_tags(e, &p->view.n);
+    int rc = p->tag ? controllers_describe(e, &p->loops) : APC_ENOMEM;
+    p->view.tag = p->tag;
+    p->view.loops = &p->loops;
+    if (rc == 0)
+        rc = ramps_init(&s->ramps, &p->view, loops_controller(&p->loops, s->of->name));
+    s->d.look = move_ramps;
+    s->d.look_ctx = s;
+    return rc < 0 ? daemon_error(&s->d, rc, "out of memory") : 0;
+}
+
 /* ---- Set-up ------------------------------------------------------------------------------- */
 
 static void say_what_it_cannot(struct shell *s)
@@ -290,12 +328,16 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = open_controller(&s);
     if (rc == 0)
+        rc = open_ramps(&s);
+    if (rc == 0)
         rc = daemon_run(&s.d, s.of->rhythm, on_controller_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
         daemon_event(&s.d, APC_EVENT_WARNING, "rejected",
                      "law %s gave no usable output at %llu ticks of this run", s.of->law->name,
                      (unsigned long long)apc_controller_failures(s.core));
     apc_controller_destroy(s.core);
+    ramps_free(&s.ramps);
+    known_free(&s.plant);
     free(s.standby.mine);
     apc_store_close(s.store);
     return daemon_close(&s.d, rc);

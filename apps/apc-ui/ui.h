@@ -130,6 +130,7 @@ struct model {
     struct link_state link[LINKS];
     size_t links;
     struct apc_spool_stats spool; /* of all spools of the folder */
+    struct text ramps;            /* what is on one, as JSON; empty: nothing is */
     struct standing standing;
     struct behind looked, behind; /* of the last look; what is told */
 };

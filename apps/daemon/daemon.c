@@ -380,6 +380,11 @@ int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc)
     return rc;
 }
 
+struct apc_store *daemon_records(const struct daemon *d)
+{
+    return recorder_store(d->recorder);
+}
+
 /* ---- Running ------------------------------------------------------------------------------ */
 
 static void watch_clock(struct daemon *d, struct clock_watch *watch)

@@ -92,6 +92,9 @@ apc_ns daemon_timeout(apc_ns period);
  * already reported. */
 int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *variables, size_t n);
 
+/* The store of the main thread, for d->look; NULL: there is none. */
+struct apc_store *daemon_records(const struct daemon *d);
+
 /* After the task has used its store: tell of what its spool holds back, and has stored later. [tick] */
 void daemon_spool(struct daemon *d, const struct apc_store *store);
 

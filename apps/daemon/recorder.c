@@ -404,7 +404,7 @@ int recorder_flush(struct recorder *r, const struct apc_task *task, apc_ns perio
     return rc < 0 || !task ? rc : flush_timing_queue(r, task, period);
 }
 
-const struct apc_store *recorder_store(const struct recorder *r)
+struct apc_store *recorder_store(const struct recorder *r)
 {
     return r->store;
 }

@@ -36,6 +36,6 @@ void recorder_absent(struct recorder *recorder, uint64_t missed);
  * spool; each once, also when a commit's answer does not come. Returns 0 when the store is there and has
  * taken it. */
 int recorder_flush(struct recorder *recorder, const struct apc_task *task, apc_ns period);
-const struct apc_store *recorder_store(const struct recorder *recorder); /* NULL: none */
+struct apc_store *recorder_store(const struct recorder *recorder); /* NULL: none */
 
 #endif

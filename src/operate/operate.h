@@ -27,6 +27,11 @@
 /* Of table dim, behind those of the loops: the step of a variable above which a write has to be confirmed. */
 #define LOOPS_STEP(table, variable) (4 * LOOPS_IDS + apc_variable_number(table, variable))
 
+/* Of tables setpoint and manual, behind those of the variables: of one on a ramp its target, and how fast it goes
+ * there, 1/s; 0: it is on none. */
+#define LOOPS_RAMP(variable) (7 * LOOPS_IDS + (variable))
+#define LOOPS_RATE(variable) (8 * LOOPS_IDS + (variable))
+
 struct loops_controller {
     char name[APC_TAG_LEN];
     int number;      /* id of its tick row */
@@ -221,7 +226,8 @@ struct owner_rows {
  * APC_SEQ_ANY, and becomes that of the row. A setpoint that is another's takes along what makes it Local, the
  * target Auto or the switch; a target that comes to Cas or goes from it, and a switch that changes, take the
  * setpoint along, as it is in force. Returns 0, APC_ECONFLICT (a seq was not the newest; or, after ten tries,
- * somebody was always faster: then @p samples are what is newest), APC_ENOMEM or the store's error.
+ * somebody was always faster: then @p samples are what is newest), APC_ENOMEM or the store's error. What is
+ * written leaves its ramp, unless a rate is among the samples.
  */
 int owner_put(struct apc_store *store, const struct loops *loops, struct apc_sample *samples, size_t n,
               struct owner_rows *with);
@@ -285,9 +291,11 @@ struct change {
     const struct loops_controller *by; /* who takes it; NULL: nobody */
     struct apc_sample before;          /* what was in force: operation_read() */
     struct apc_sample after; /* value; seq: the newest that its author knows, or APC_SEQ_ANY, then its own */
-    int64_t along;           /* of a switch of the scheduler: seq of the setpoint that was written with it */
-    int64_t ticked;          /* seq of the tick that operation_ready() saw first, or that was followed */
-    bool ticks;              /* who follows its controller has seen it tick lately: change_takes() */
+    double over;   /* s that it takes, linearly, to value; after.seq is then of where it begins. 0: at once */
+    bool stop;     /* its ramp ends where it is: operation_begin() fills value in */
+    int64_t along; /* of a switch of the scheduler: seq of the setpoint that was written with it */
+    int64_t ticked; /* seq of the tick that operation_ready() saw first, or that was followed */
+    bool ticks;     /* who follows its controller has seen it tick lately: change_takes() */
 
     struct apc_sample newest; /* as seen last, their tables and ids from the first: the variable */
     struct apc_sample actual; /* what is in force; of a switch the setpoint */
@@ -324,7 +332,9 @@ int change_step(const struct change *change, struct change_fault *why);
 /* Fill one in: what was found is to become @p value, whatever is newest. */
 void change_make(const struct plant_view *plant, const struct change_target *to, double value,
                  struct change *change);
-/* "r: 10 -> 12", "u mode: Auto -> Man"; @p group NULL: by its own name. Returns text. */
+/* May a ramp take that long, s? Returns 0, or APC_ERANGE with "value". */
+int change_over(double over, struct change_fault *why);
+/* "r: 10 -> 12", "u mode: Auto -> Man", "r: 10 -> 50 over 60 s"; @p group NULL: by its own name. Returns text. */
 char *change_words(const struct change *change, const char *group, char *text, size_t size);
 /* How long what a controller that ticks does in time may take. */
 apc_ns change_patience(const struct change *change);
@@ -348,7 +358,7 @@ int operation_look(struct operation *o, struct apc_store *store);
 /* Does each controller tick that it is for? An age by the clocks of two hosts is no proof that it does not: then
  * a tick is waited for. Returns 1, 0: not known yet, or an error: APC_EPERM with "nobody", or the store's. */
 int operation_ready(struct operation *o, struct apc_store *store, struct change_fault *why);
-/* Returns 0, or an error: APC_ECONFLICT, "stale", then newest is; "unknown": it may have been written; "store";
+/* Returns 0, or an error: "confirm"; "ramp", there is none to stop, or no value to begin at; APC_ECONFLICT, "stale", then newest is; "unknown": it may have been written; "store";
  * "record": it was written, but its event was not. */
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why);
 /* Its events alone, with @p also said in each. Returns 0, APC_ENOMEM or the store's error. */
@@ -371,6 +381,49 @@ int operation_finish(const struct operation *o, size_t i, struct change_fault *s
 void operation_end(struct operation *o);
 /* The row made a setpoint the operator's: "r taken Local, cascade open". Returns text; NULL: it did not. */
 char *operation_taken(const struct operation *o, const struct apc_sample *row, char *text, size_t size);
+
+/* ---- Ramps ----------------------------------------------------------------------------------- */
+
+/*
+ * Setpoints and manual outputs on their way to a target. Who asks for it writes target, rate and where it begins
+ * in one transaction, under his name; the controller that takes the variable moves it from then on, look by look,
+ * under no name. Where it is is its own newest row, and time is counted while the mover lives: so one that was
+ * restarted goes on from there, and no step of a clock moves anything. The ramp ends at its target, when anybody
+ * else writes to the variable, or when the loop of a manual output leaves Man.
+ */
+struct ramp {
+    struct apc_sample rate, target, now, mode; /* newest rows; mode of table 0: it does not matter */
+    const struct apc_tag *tag;
+    int64_t moved; /* seq of the row that it was moved to; 0: not yet */
+    apc_ns last;   /* mono: when */
+};
+
+struct ramps {
+    const struct plant_view *plant;
+    struct ramp *at; /* [n] what may be on one */
+    size_t n;
+    struct apc_sample *row; /* [3 n] */
+    int choice, number;     /* who acts on its outputs; 0: it does */
+    bool acts;              /* as long as nobody has said who does */
+};
+
+/* Of what a controller takes; @p of NULL: of all. ramps_free() in either case. Returns 0 or APC_ENOMEM. */
+int ramps_init(struct ramps *ramps, const struct plant_view *plant, const struct loops_controller *of);
+void ramps_free(struct ramps *ramps);
+/* What is on its way has a rate above 0. Returns how many are, or the store's error. */
+int ramps_read(struct ramps *ramps, struct apc_store *store);
+/* How long it still takes, s. */
+double ramp_to_go(const struct ramp *ramp);
+
+/* Told of one that ended: "r: ramp ended at 50"; and of each row that was written. */
+struct ramp_told {
+    void *ctx;
+    void (*ended)(void *ctx, const char *text);
+    void (*moved)(void *ctx, const struct apc_sample *row); /* NULL: nobody wants to know */
+};
+/* One look: move what is on its way. Returns how many are, or the store's error. */
+int ramps_step(struct ramps *ramps, struct apc_store *store, struct apc_now now,
+               const struct ramp_told *told);
 
 /* ---- Requests ------------------------------------------------------------------------------- */
 

@@ -57,14 +57,26 @@ int change_step(const struct change *c, struct change_fault *why)
                        change_text(was, before), after, most);
 }
 
+int change_over(double over, struct change_fault *why)
+{
+    return over > 0 && over <= 366 * 86400
+               ? 0
+               : change_fail(why, APC_ERANGE, "value",
+                             "a ramp must take above 0 s and at most 366 days, not %g s", over);
+}
+
 char *change_words(const struct change *c, const char *group, char *text, size_t size)
 {
-    char before[CHANGE_TEXT], after[CHANGE_TEXT];
+    char before[CHANGE_TEXT], after[CHANGE_TEXT], over[CHANGE_TEXT];
     struct apc_sample to = c->after;
     to.seq = 1;
-    snprintf(text, size, "%.70s%s: %s -> %s", group ? group : c->to.name,
-             !group && c->to.table == APC_OPMODE && c->to.loop ? " mode" : "",
-             change_text(&c->before, before), change_text(&to, after));
+    if (c->stop)
+        snprintf(text, size, "%.70s: stopped at %s", c->to.name, change_text(&to, after));
+    else
+        snprintf(text, size, "%.70s%s: %s -> %s%s%s%s", group ? group : c->to.name,
+                 !group && c->to.table == APC_OPMODE && c->to.loop ? " mode" : "",
+                 change_text(&c->before, before), change_text(&to, after), c->over > 0 ? " over " : "",
+                 c->over > 0 ? decimal_shortest(c->over, 6, over) : "", c->over > 0 ? " s" : "");
     return text;
 }
 
@@ -89,10 +101,20 @@ static enum outcome judge_switch(const struct change *c)
                                                                                   : OUTCOME_WAITING;
 }
 
+/* A ramp is in force as soon as the row that it begins with, or one that it was moved to, is. */
+static enum outcome judge_ramp(const struct change *c, apc_ns utc)
+{
+    struct change begin = *c;
+    begin.after.value = c->before.value;
+    const struct outcome_seen seen = seen_of_change(&begin, utc);
+    const enum outcome outcome = outcome_of(&seen);
+    return outcome == OUTCOME_SUPERSEDED ? OUTCOME_APPLIED : outcome;
+}
+
 enum outcome change_judge(const struct change *c, apc_ns utc)
 {
     const struct outcome_seen seen = seen_of_change(c, utc);
-    return is_owner_switch(c) ? judge_switch(c) : outcome_of(&seen);
+    return is_owner_switch(c) ? judge_switch(c) : c->over > 0 ? judge_ramp(c, utc) : outcome_of(&seen);
 }
 
 /* ---- In words ------------------------------------------------------------------------------ */
@@ -396,9 +418,45 @@ static void take_rows(struct operation *o, const struct apc_sample *rows, int rc
     }
 }
 
+/* It begins in row @p at, where it is now. Returns how many rows there are. */
+static size_t add_ramp(const struct change *c, struct apc_sample *at, struct apc_sample *rows, size_t n)
+{
+    struct apc_sample row = *at;
+    row.seq = APC_SEQ_ANY;
+    row.id = LOOPS_RAMP(at->id);
+    rows[n++] = row;
+    row.id = LOOPS_RATE(at->id);
+    row.value = fabs(c->after.value - c->before.value) / c->over;
+    rows[n++] = row;
+    at->value = c->before.value;
+    return n;
+}
+
+/* What a stop stops, and whether a ramp has where to begin. */
+static int look_at_ramps(struct operation *o, struct apc_store *store, struct change_fault *why)
+{
+    int rc = 0;
+    for (size_t i = 0; i < o->n && rc == 0; i++) {
+        struct change *c = &o->change[i];
+        struct apc_sample rate = {.table = c->after.table, .id = LOOPS_RATE(c->after.id)};
+        if (c->over > 0 && c->before.seq == 0)
+            rc = change_fail(why, APC_EPERM, "ramp",
+                             "%.60s has no value that a ramp could begin at: set it first", c->to.name);
+        if (!c->stop)
+            continue;
+        if (apc_store_read(store, &rate, 1) < 0)
+            rc = fail_of_store(store, APC_ESTORE, why);
+        else if (rate.seq == 0 || !(rate.value > 0))
+            rc = change_fail(why, APC_EPERM, "ramp", "%.60s is on no ramp: there is nothing to stop",
+                             c->to.name);
+        c->after.value = c->before.value;
+    }
+    return rc;
+}
+
 static int put_operation(struct operation *o, struct apc_store *store, uint32_t author)
 {
-    struct apc_sample *rows = calloc(o->n + 1, sizeof *rows);
+    struct apc_sample *rows = calloc(3 * o->n + 1, sizeof *rows);
     size_t n = is_all(o) ? 1 : o->n;
     if (!rows)
         return APC_ENOMEM;
@@ -411,6 +469,9 @@ static int put_operation(struct operation *o, struct apc_store *store, uint32_t 
     }
     if (is_all(o))
         rows[0].id = 0;
+    for (size_t i = 0; i < o->n; i++)
+        if (o->change[i].over > 0)
+            n = add_ramp(&o->change[i], &rows[i], rows, n);
     if (o->mark) {
         rows[n] = *o->mark;
         rows[n++].author = author;
@@ -423,8 +484,9 @@ static int put_operation(struct operation *o, struct apc_store *store, uint32_t 
 
 char *operation_taken(const struct operation *o, const struct apc_sample *row, char *text, size_t size)
 {
-    const struct apc_tag *tag = plant_tag(o->plant, APC_SETPOINT, loops_owned(o->plant->loops, row));
-    if (row->table != APC_OPMODE)
+    const int setpoint = row->table == APC_OPMODE ? loops_owned(o->plant->loops, row) : 0;
+    const struct apc_tag *tag = plant_tag(o->plant, APC_SETPOINT, setpoint);
+    if (!setpoint) /* the setpoint itself, or the end of its ramp */
         return NULL;
     snprintf(text, size, "%s taken Local, %s", tag ? tag->name : "setpoint",
              loops_is_owner(row) ? "the scheduler stands aside" : "cascade open");
@@ -474,7 +536,7 @@ static int fail_stale(const struct operation *o, struct change_fault *why)
 
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
-    int rc = 0;
+    int rc = look_at_ramps(o, store, why);
     for (size_t i = 0; i < o->n && rc == 0 && !o->confirmed; i++)
         rc = change_step(&o->change[i], why);
     if (rc < 0)

@@ -26,8 +26,9 @@ struct order {
     size_t n;
     struct affected *affected;
     size_t n_affected;
-    struct apc_sample *now;  /* [n + 4 n_affected] newest: of the samples; of each what is affected */
-    struct apc_sample *rows; /* [n + n_affected] to be written */
+    struct apc_sample
+        *now; /* [2 n + 4 n_affected] newest: of the samples; of each its rate; what is affected */
+    struct apc_sample *rows; /* [2 n + n_affected] to be written */
     size_t n_rows;
 };
 
@@ -53,8 +54,8 @@ static int prepare_order(struct order *o, const struct loops *loops, struct apc_
 {
     const size_t owned = loops->n + loops->n_scheduled;
     *o = (struct order){.samples = samples, .n = n, .affected = calloc(owned + 1, sizeof *o->affected)};
-    o->now = calloc(n + 4 * owned + 1, sizeof *o->now);
-    o->rows = calloc(n + owned + 1, sizeof *o->rows);
+    o->now = calloc(2 * n + 4 * owned + 1, sizeof *o->now);
+    o->rows = calloc(2 * n + owned + 1, sizeof *o->rows);
     if (!o->affected || !o->now || !o->rows)
         return APC_ENOMEM;
     for (size_t i = 0; i < loops->n; i++)
@@ -66,11 +67,28 @@ static int prepare_order(struct order *o, const struct loops *loops, struct apc_
     return 0;
 }
 
+static bool may_be_on_ramp(const struct apc_sample *s)
+{
+    return (s->table == APC_SETPOINT || s->table == APC_MANUAL) && s->id < LOOPS_IDS;
+}
+
+static bool has_ramps(const struct order *o)
+{
+    size_t i = 0;
+    while (i < o->n && !may_be_on_ramp(&o->samples[i]))
+        i++;
+    return i < o->n;
+}
+
 static int read_owners(struct order *o, struct apc_store *store)
 {
     struct apc_sample *at = o->now;
     for (size_t i = 0; i < o->n; i++)
         *at++ = (struct apc_sample){.table = o->samples[i].table, .id = o->samples[i].id};
+    for (size_t i = 0; i < o->n; i++) /* of what has none its own row once more */
+        *at++ = may_be_on_ramp(&o->samples[i])
+                    ? (struct apc_sample){.table = o->samples[i].table, .id = LOOPS_RATE(o->samples[i].id)}
+                    : o->now[i];
     for (size_t i = 0; i < o->n_affected; i++) {
         const struct owned *of = &o->affected[i].of;
         o->affected[i].now = at;
@@ -149,6 +167,16 @@ static void add_affected(struct order *o)
     }
 }
 
+static void end_ramps(struct order *o)
+{
+    for (size_t i = 0; i < o->n; i++) {
+        const struct apc_sample *rate = &o->now[o->n + i];
+        if (may_be_on_ramp(&o->samples[i]) && rate->seq > 0 && rate->value > 0 &&
+            !written_sample(o, rate->table, rate->id))
+            add_to_order(o, rate, 0);
+    }
+}
+
 static int try(struct order *o, struct apc_store *store)
 {
     int rc = read_owners(o, store);
@@ -163,6 +191,7 @@ static int try(struct order *o, struct apc_store *store)
         o->rows[i].seq = o->now[i].seq;
     o->n_rows = o->n;
     add_affected(o);
+    end_ramps(o);
     rc = apc_store_swap(store, o->rows, o->n_rows);
     return rc == APC_ECONFLICT ? 1 : rc; /* again */
 }
@@ -188,7 +217,7 @@ int owner_put(struct apc_store *store, const struct loops *loops, struct apc_sam
     struct order o;
     int rc = prepare_order(&o, loops, samples, n);
     *with = (struct owner_rows){0};
-    if (rc == 0 && o.n_affected == 0 && knows_nothing(&o)) {
+    if (rc == 0 && o.n_affected == 0 && knows_nothing(&o) && !has_ramps(&o)) {
         rc = apc_store_put(store, samples, n);
     } else if (rc == 0) {
         for (int i = 0; i < TRIES && (i == 0 || rc == 1); i++)

@@ -122,6 +122,23 @@ static int fail_overtaken(struct apc_store *store, const struct change *c, struc
                        author[0] ? " by " : "", author, change_text(&c->newest, text));
 }
 
+/* Did the write of @p row begin a ramp? What its mover has written since, under no name, is no other write. */
+static int look_at_ramp(struct apc_store *store, const struct apc_sample *row, struct change *c,
+                        struct change_fault *why)
+{
+    struct apc_sample now[] = {{.table = row->table, .id = LOOPS_RAMP(row->id)},
+                               {.table = row->table, .id = row->id}};
+    const bool may_be = row->table == APC_SETPOINT || row->table == APC_MANUAL;
+    const int rc = may_be ? apc_store_read(store, now, 2) : 0;
+    if (rc < 0)
+        return change_fail(why, rc, "store", "%s", apc_store_error(store));
+    if (now[0].seq == 0 || now[0].time != row->time || now[0].author != row->author)
+        return 0;
+    c->after.seq = APC_SEQ_ANY;
+    c->newest = now[1];
+    return now[1].author != 0 && now[1].seq != row->seq ? fail_overtaken(store, c, why) : 0;
+}
+
 static bool is_remote_owner(const struct apc_sample *owner)
 {
     return loops_is_owner_id(owner->id) ? !loops_is_local(owner)
@@ -168,7 +185,7 @@ static int undo_row(struct operation *o, struct apc_store *store, const struct l
     change_make(o->plant, &to, former.value, c);
     c->after.seq = owner ? APC_SEQ_ANY : row->seq;
     o->n++;
-    return 0;
+    return look_at_ramp(store, row, c, why);
 }
 
 /* May all of it be written as things stand? */

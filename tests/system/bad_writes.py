@@ -17,6 +17,7 @@ import urllib.error
 import urllib.request
 from typing import NamedTuple
 
+RAMPS = ("ramp", "stop")  # by apc and the page alone
 MODES = ("Man", "Auto", "OOS", "Cas")
 
 
@@ -81,7 +82,8 @@ def cli(row, apc, store):
     if row.exit == "-":
         return False
     row.outcome()
-    what = ["tune", f"{row.name}={row.value}"] if row.what == "tune" else ["mode" if row.what == "mode" else "set", row.name, row.value]
+    what = {"tune": ["tune", f"{row.name}={row.value}"], "mode": ["mode", row.name, row.value], "stop": ["set", "--stop", row.name],
+            "ramp": ["set", "--over", "60", row.name, row.value]}.get(row.what, ["set", row.name, row.value])
     done = subprocess.run([apc, *what, "--store", store], capture_output=True, text=True)
     say(row, "apc", f"{done.stdout}{done.stderr} exit code {done.returncode}", f"exit code {row.exit}")
     return True
@@ -94,9 +96,13 @@ def http(row, port, engineer, observer, seq=0):
     body = {"id": int(row.id), "seq": 123456 if row.who == "late" else seq}
     if awaited:
         body["seq"] = int(sql("SELECT coalesce(max(seq), 0) FROM apc.setpoint WHERE id = 1"))
-    body |= {"mode": row.value} if row.what == "mode" else {"value": row.number()}
+    if row.what == "stop":
+        body = {"id": int(row.id), "stop": True}
+    else:
+        body |= {"mode": row.value} if row.what == "mode" else {"value": row.number()}
+    body |= {"over": 60} if row.what == "ramp" else {}
     body = {"values": [body]} if row.what == "tune" else body
-    path = {"set": "setpoint", "tune": "tuning"}.get(row.what, row.what)
+    path = {"set": "setpoint", "ramp": "setpoint", "stop": "setpoint", "tune": "tuning"}.get(row.what, row.what)
     token = observer if row.who == "otto" else engineer
     request = urllib.request.Request(f"http://127.0.0.1:{port}/api/{path}", json.dumps(body | row.because()).encode(),
                                      {"Content-Type": "application/json", "Authorization": f"Bearer {token}"})
@@ -116,7 +122,7 @@ def http(row, port, engineer, observer, seq=0):
 
 
 def mqtt(row, port, heard):
-    if row.what == "tune" or row.who == "late" or row.value == "nan":
+    if row.what in ("tune", *RAMPS) or row.who == "late" or row.value == "nan":
         return False
     awaited = row.outcome()
     mode = row.what == "mode"
@@ -135,7 +141,7 @@ def sql(query):
 
 def request(row):
     value = str(MODES.index(row.value)) if row.value in MODES else row.value
-    if row.id == "-" or row.who != "anna" or row.value == "nan" or not isinstance(row._replace(value=value).number(), float):
+    if row.what in RAMPS or row.id == "-" or row.who != "anna" or row.value == "nan" or not isinstance(row._replace(value=value).number(), float):
         return False
     table = {"set": "setpoint", "output": "manual", "mode": "opmode", "tune": "tuning"}[row.what]
     reason = row.because().get("reason", "")

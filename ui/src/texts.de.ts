@@ -225,6 +225,11 @@ export const de = {
   "entry.changeLocal": "{change}, Sollwert wird lokal: Eingabetaste übernimmt, Esc verwirft",
   "entry.changeAuto": "{change}, Sollwert wird lokal, Soll-Betriebsart Automatik: Eingabetaste übernimmt, Esc verwirft",
   "entry.remote": "{limits}; geführt von {mover}, eine Eingabe macht den Sollwert lokal",
+  "entry.over": "Rampe über (optional)",
+  "entry.overWrong": "eine Rampe dauert eine Zahl von Sekunden über 0",
+  "entry.overSaid": "in {s} s",
+  "entry.ramp": "auf einer Rampe nach {target}, noch {time}",
+  "entry.stop": "Rampe anhalten",
 
   "mode.Auto": "Automatik",
   "mode.Man": "Hand",

@@ -224,6 +224,11 @@ export const en = {
   "entry.changeLocal": "{change}, SP becomes Local: Enter applies, Esc reverts",
   "entry.changeAuto": "{change}, SP becomes Local, target Auto: Enter applies, Esc reverts",
   "entry.remote": "{limits}; {mover} moves it, entering a value sets SP Local",
+  "entry.over": "Ramp over (optional)",
+  "entry.overWrong": "a ramp takes a number of seconds above 0",
+  "entry.overSaid": "over {s} s",
+  "entry.ramp": "on a ramp to {target}, {time} to go",
+  "entry.stop": "Stop ramp",
 
   "mode.Auto": "Auto",
   "mode.Man": "Man",

@@ -442,7 +442,7 @@ test("any link gives a place", () => {
 
 const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});
 
-const control: Control = {running: {base: true}, reasons: {}, entries: {}, shadow: [], safe: false, safe_since: null, alarms: null};
+const control: Control = {running: {base: true}, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: false, safe_since: null, alarms: null};
 const [below, , above] = cascade.loops as [Loop, Loop, Loop];
 const judge = (target: number | null, actual: number | null, part: Partial<Control> = {}, loop = below, p = cascade) => modesOf(loop, p, of(target), of(actual), {...control, ...part});
 

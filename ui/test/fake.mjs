@@ -129,7 +129,7 @@ export class Fake {
 
   #control() {
     const fault = this.now >= this.failed + HELD;
-    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, entries: this.stopped ? {1: {code: "stopped", text: "its controller does not tick"}} : fault ? {1: {code: "fault", text: "the output is at its fault value"}} : {}, shadow: this.trial ? ["trial"] : [], safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null, alarms: !this.stopped};
+    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, entries: this.stopped ? {1: {code: "stopped", text: "its controller does not tick"}} : fault ? {1: {code: "fault", text: "the output is at its fault value"}} : {}, ramps: this.ramps ?? {}, shadow: this.trial ? ["trial"] : [], safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null, alarms: !this.stopped};
   }
 
   #sample(ref, t) {

@@ -33,7 +33,7 @@ export function longDay() {
   };
   const value = (i, t) => 5 + 3 * Math.sin(t / 60 + i) + 0.1 * Math.sin(t * 7 + i);
   const samples = of => Object.fromEntries(of.flatMap(i => [[`sensor.${i}`, [seq, BEGAN + now, value(i, now), "Good"]], [`actuator.${i}`, [seq, BEGAN + now, value(i + 9, now), "Good"]]]));
-  const control = {running: {base: true}, reasons: {}, entries: {}, shadow: [], safe: false, safe_since: null, alarms: true};
+  const control = {running: {base: true}, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: false, safe_since: null, alarms: true};
   const state = () => ({t: BEGAN + now, id: `d.${seq}`, store: {connected: true, since: BEGAN, error: null, full: null}, values: {...Object.fromEntries(all.flatMap(i => [[`setpoint.${i}`, [1, BEGAN, 5, "Good"]], [`opmode.${i}`, [1, BEGAN, 1, "Good"]], [`actual.${16 * i + 5}`, [1, BEGAN, 1, "Good"]]])), ...samples(all)}, ages: {}, alarms: [], control, history: null});
   const past = ({since, until}) => {
     const from = Math.max(BEGAN, Number(since));

@@ -157,7 +157,7 @@ export class Server {
   private seq = 100;
   alarms: AlarmNow[] = [];
   idle: number | null = null;
-  control: Control = {running: {base: true}, reasons: {}, entries: {}, shadow: [], safe: false, safe_since: null, alarms: null};
+  control: Control = {running: {base: true}, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: false, safe_since: null, alarms: null};
 
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();

@@ -47,7 +47,7 @@ const app = document.getElementById("app") as HTMLElement;
 let begun = false;
 
 beforeEach(async () => {
-  server.control = {running: {base: true}, reasons: {}, entries: {}, shadow: [], safe: false, safe_since: null, alarms: null};
+  server.control = {running: {base: true}, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: false, safe_since: null, alarms: null};
   for (const name of ["setpoint.1", "output.1", "mode.1", "owner.1", "tuning.1", "ack.1", "ack.2", "shelve.1"]) forget(name);
   env.asked.length = 0;
   if (!begun) {
@@ -256,7 +256,7 @@ test("the database is not known to be well while nobody is connected", async () 
 });
 
 test("what stands is told on every page", async () => {
-  server.control = {running: {base: false}, reasons: {}, entries: {}, shadow: [], safe: true, safe_since: START, alarms: null};
+  server.control = {running: {base: false}, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: true, safe_since: START, alarms: null};
   server.beat();
   await settle();
   assert.equal(said(".safe-bar"), "[priority 1: plant without a command] The plant is given no command since 2033-05-18 03:33:20 UTC: nothing drives it.");
@@ -477,6 +477,41 @@ test("Esc in an entry is the entry's alone", async () => {
   await press("ArrowLeft", one(field));
   assert.equal(heard, 1);
   document.removeEventListener("keydown", hear);
+});
+
+// Promise(modes/ramp)
+test("a ramp takes its time from the field beside the entry, says how long it still takes, and can be stopped", async () => {
+  await show("loop/1");
+  const over = 'input[name="setpoint.1.over"]';
+  assert.equal(document.querySelector(over), null);
+  await type(field, "7");
+  await type(over, "-3");
+  assert.match(said(entry), /a ramp takes a number of seconds above 0/);
+  await submit(entry);
+  assert.equal(env.asked.some(one => one.path === "/api/setpoint"), false);
+  await type(over, "60");
+  await submit(entry);
+  const asked = env.take("/api/setpoint");
+  assert.deepEqual([asked.body?.value, asked.body?.over], [7, 60]);
+  assert.match(said('[data-slot="setpoint.1"]'), /→ 7 m over 60 s: pending/);
+  asked.answer({error: {code: "role", message: "not you"}}, 403);
+  await settle();
+  await press("Escape", one(field));
+  server.control = {...server.control, ramps: {"setpoint.1": {target: 7, rate: 0.05, to_go: 39.2}}};
+  server.beat();
+  await settle();
+  assert.match(said(entry), /on a ramp to 7 m, 40 s to go Stop ramp/);
+  await type(field, "8");
+  server.sample("setpoint.1", 5.5); // it moves under whoever types: no other user's change
+  await settle();
+  assert.doesNotMatch(said(entry), /changed by another user/);
+  await press("Escape", one(field));
+  await click(button("Stop ramp"));
+  const stop = env.take("/api/setpoint");
+  assert.deepEqual([stop.body?.id, stop.body?.stop, stop.body?.value], [1, true, undefined]);
+  stop.answer({error: {code: "ramp", message: "r1 is on no ramp"}}, 409);
+  await settle();
+  await click(button("Dismiss"));
 });
 
 test("a great step is made only by the button that says so", async () => {

@@ -20,8 +20,8 @@ static bool fault_change(struct request *r, const struct change_fault *why, cons
     static const struct {
         const char *code;
         int http;
-    } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"confirm", 409},
-               {"stale", 409},    {"undo", 409}, {"role", 403},   {"unknown", 504}};
+    } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"confirm", 409}, {"stale", 409},
+               {"undo", 409},     {"ramp", 409}, {"role", 403},   {"unknown", 504}};
     int http = 422;
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         http = !strcmp(why->code, all[i].code) ? all[i].http : http;
@@ -41,8 +41,9 @@ struct order {
     struct write write;
     struct change change[WRITE_CHANGES + 1]; /* one may be taken along */
     struct beside beside;
+    struct apc_sample rate; /* of the ramp that the first change is on; id 0: it cannot be on one */
     char reason[REASON_LEN];
-    bool confirmed;
+    bool confirmed, stops;
     struct known_plant plant; /* as the model had it */
     struct operation operation;
 };
@@ -78,7 +79,7 @@ static bool order_change(struct request *r, struct order *o, enum apc_table tabl
         return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
     if (change_at(&o->plant.view, table, (int)id, &to, &why) < 0)
         return fault_change(r, &why, "id");
-    if (change_check(&to, value, &why) < 0)
+    if (!o->stops && change_check(&to, value, &why) < 0)
         return fault_change(r, &why, "value");
     for (size_t i = 0; i < o->write.n; i++)
         if (o->change[i].after.id == (int)id)
@@ -163,6 +164,33 @@ static bool read_value(struct request *r, const json_t *object, struct order *o,
            order_change(r, o, table, id, value, seq);
 }
 
+/* Of a setpoint or an output: to a value, at once or on a ramp; or the end of its ramp. */
+static bool read_move(struct request *r, const json_t *body, struct order *o, enum apc_table table)
+{
+    const json_t *stop = json_object_get(body, "stop"), *over = json_object_get(body, "over");
+    struct change *c = &o->change[0];
+    struct change_fault why;
+    int64_t id;
+    double seconds = 0;
+    o->stops = json_is_true(stop);
+    if (stop && (!o->stops || over || json_object_get(body, "value") || json_object_get(body, "seq") ||
+                 json_object_get(body, "confirm")))
+        return fault_set(&r->fault, 400, "json", "stop",
+                         "\"stop\" must be true: it ends a ramp, and takes no value, seq, over or confirm");
+    if (over && !member_number(body, "over", &seconds, &r->fault))
+        return false;
+    if (over && change_over(seconds, &why) < 0)
+        return fault_change(r, &why, "over");
+    if (o->stops ? !member_whole(body, "id", 0, INT32_MAX, &id, &r->fault) ||
+                       !order_change(r, o, table, id, 0, APC_SEQ_ANY)
+                 : !read_value(r, body, o, table))
+        return false;
+    c->over = seconds;
+    c->stop = o->stops;
+    o->rate = (struct apc_sample){.table = table, .id = LOOPS_RATE(c->after.id)};
+    return true;
+}
+
 static bool read_order_mode(struct request *r, const json_t *body, struct order *o)
 {
     struct change_fault why;
@@ -229,7 +257,8 @@ static bool read_undo(struct request *r, const json_t *body, struct order *o)
 
 static bool read_write_order(struct request *r, struct order *o)
 {
-    static const char *const value_members[] = {"id", "value", "seq", "confirm", "reason", "key", NULL};
+    static const char *const value_members[] = {"id",      "value",  "seq", "over", "stop",
+                                                "confirm", "reason", "key", NULL};
     static const char *const mode_members[] = {"id", "mode", "seq", "reason", "key", NULL};
     static const char *const owner_members[] = {"id", "owner", "seq", "reason", "key", NULL};
     static const char *const tuning_members[] = {"values", "reason", "key", NULL};
@@ -253,7 +282,7 @@ static bool read_write_order(struct request *r, struct order *o)
     else if (ok && kind == WRITE_UNDO)
         ok = read_undo(r, body, o);
     else if (ok)
-        ok = read_value(r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
+        ok = read_move(r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
     json_decref(body);
     return ok;
 }
@@ -291,19 +320,23 @@ static bool find_undo(struct ui *ui, struct request *r, struct order *o, struct 
 /* What is newest and in force, all of one instant, and what is beside. Returns 0 or the store's error. */
 static int read_before(struct order *o, struct apc_store *store)
 {
-    struct apc_sample now[2 * WRITE_CHANGES + 1];
+    struct apc_sample now[2 * WRITE_CHANGES + 2];
     const size_t n = o->write.n;
     for (size_t i = 0; i < n; i++) {
         now[i] = o->change[i].newest;
         now[n + i] = o->change[i].before;
     }
-    now[2 * n] = o->beside.now;
-    const int rc = apc_store_read(store, now, 2 * n + (o->beside.now.id > 0));
+    const size_t beside = 2 * n, rate = beside + (o->beside.now.id > 0);
+    now[beside] = o->beside.now;
+    now[rate] = o->rate;
+    const int rc = apc_store_read(store, now, rate + (o->rate.id > 0));
     for (size_t i = 0; i < n && rc >= 0; i++) {
         o->change[i].newest = now[i];
         o->change[i].before = now[n + i];
     }
-    o->beside.now = now[2 * n];
+    if (o->beside.now.id > 0)
+        o->beside.now = now[beside];
+    o->rate = now[rate];
     return rc < 0 ? rc : 0;
 }
 
@@ -332,10 +365,12 @@ static void stale_fault(struct request *r, const struct order *o)
     fault_change(r, &why, NULL);
 }
 
-/* A setpoint that is the loop's above. */
-static bool is_remote_setpoint(const struct order *o)
+/* A setpoint that is the loop's above, or what is on a ramp: its newest row is of no operator. */
+static bool is_being_moved(const struct order *o)
 {
-    return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
+    return (o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 &&
+            in_mode(&o->beside.now, APC_MODE_CAS)) ||
+           (o->rate.seq > 0 && o->rate.value > 0);
 }
 
 /* Would anybody apply it? The page has followed the ticks, a little behind: the store has the last word. */
@@ -377,7 +412,7 @@ static bool check_now(struct ui *ui, struct request *r, struct order *o, struct 
     struct change_fault why;
     if (o->write.kind != WRITE_UNDO && change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
         return fault_change(r, &why, NULL);
-    for (size_t i = 0; i < o->write.n && !is_remote_setpoint(o); i++)
+    for (size_t i = 0; i < o->write.n && !is_being_moved(o); i++)
         if (o->change[i].after.seq != APC_SEQ_ANY && o->change[i].newest.seq != o->change[i].after.seq) {
             stale_fault(r, o);
             return false;
@@ -437,7 +472,7 @@ static int put_order(struct ui *ui, const struct request *r, struct order *o, st
     const apc_ns began = apc_clock_mono(NULL);
     snprintf(note, sizeof note, "%s (from %.50s)%s%s", o->write.kind == WRITE_UNDO ? " (undo)" : "",
              r->from->address, o->reason[0] ? ": " : "", o->reason);
-    if (is_remote_setpoint(o))
+    if (is_being_moved(o))
         o->change[0].after.seq = APC_SEQ_ANY;
     o->operation = (struct operation){.plant = &o->plant.view,
                                       .change = o->change,
@@ -494,8 +529,8 @@ static void carry_out_write(struct ui *ui, struct request *r, struct order *o, s
     rc = put_order(ui, r, o, store, &why);
     if (rc == APC_ECONFLICT)
         stale_fault(r, o);
-    else if (rc < 0 && strcmp(why.code, "confirm") == 0)
-        fault_change(r, &why, "value");
+    else if (rc < 0 && (strcmp(why.code, "confirm") == 0 || strcmp(why.code, "ramp") == 0))
+        fault_change(r, &why, o->stops ? "stop" : "value");
     else if (rc == APC_ENOMEM || (rc < 0 && o->operation.begun == 0))
         fault_store(r, rc, store);
     else if (rc < 0 && strcmp(why.code, "store") == 0)

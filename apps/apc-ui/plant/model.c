@@ -81,6 +81,7 @@ void model_free(struct model *m)
     text_free(&m->alarms_are);
     text_free(&m->alarms_stand);
     text_free(&m->plant_zipped);
+    text_free(&m->ramps);
     pthread_mutex_destroy(&m->mutex);
 }
 
@@ -407,6 +408,8 @@ void control_json(const struct model *m, apc_ns now, struct text *t)
         json_add(t, "%s:", id);
         entry_note_json(note, t);
     }
+    json_add(t, "}, ramps:{");
+    text_put(t, m->ramps.at, m->ramps.n);
     json_add(t, "}, shadow:[");
     for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
         if (!m->plant.loops.controller[i].acts)

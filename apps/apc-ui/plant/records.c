@@ -32,6 +32,9 @@ struct records {
     bool know_last;
     bool reported[TASKS]; /* tasks with news in this look */
     bool started;
+    struct known_plant plant; /* as it was described at revision ramps_of; 0: not yet */
+    struct ramps ramps;
+    unsigned ramps_of;
 };
 
 /* ---- Events ------------------------------------------------------------------------------- */
@@ -261,6 +264,46 @@ static int look_room(struct records *r)
     return rc < 0 ? rc : 0;
 }
 
+/* ---- Ramps --------------------------------------------------------------------------------- */
+
+static int describe_ramps(struct records *r)
+{
+    pthread_mutex_lock(&r->ui->model.mutex);
+    const unsigned revision = r->ui->model.plant.revision;
+    pthread_mutex_unlock(&r->ui->model.mutex);
+    if (revision == r->ramps_of)
+        return 0;
+    ramps_free(&r->ramps);
+    known_free(&r->plant);
+    int rc = known_load(&r->plant, r->store);
+    if (rc >= 0)
+        rc = ramps_init(&r->ramps, &r->plant.view, NULL);
+    r->ramps_of = rc < 0 ? 0 : revision;
+    return rc;
+}
+
+static int look_ramps(struct records *r)
+{
+    struct model *m = &r->ui->model;
+    struct text t = {0};
+    char ref[REF_LEN];
+    int rc = describe_ramps(r);
+    if (rc >= 0)
+        rc = ramps_read(&r->ramps, r->store);
+    for (size_t i = 0; i < r->ramps.n && rc > 0; i++) {
+        const struct ramp *ramp = &r->ramps.at[i];
+        if (ramp->rate.value > 0)
+            json_add(&t, "%s:{target:%g, rate:%g, to_go:%.3f}",
+                     ref_format(ramp->now.table, ramp->now.id, ref), ramp->target.value, ramp->rate.value,
+                     ramp_to_go(ramp));
+    }
+    pthread_mutex_lock(&m->mutex);
+    text_free(&m->ramps);
+    m->ramps = t;
+    pthread_mutex_unlock(&m->mutex);
+    return rc < 0 ? rc : 0;
+}
+
 /* ---- Spools ------------------------------------------------------------------------------- */
 
 /* What daemons of this host keep back, all together. */
@@ -310,6 +353,8 @@ static int look_for_records(struct records *r, unsigned looks)
         rc = look_timing(r);
     if (rc >= 0)
         rc = look_room(r);
+    if (rc >= 0)
+        rc = look_ramps(r);
     if (rc >= 0 && (looks % TAGS_EACH == 0 || !is_described(r->ui)))
         rc = model_load(&r->ui->model, r->store);
     if (rc >= 0)
@@ -338,6 +383,8 @@ void *records_thread(void *arg)
     }
     audit_flush(r.ui, r.store);
     apc_store_close(r.store);
+    ramps_free(&r.ramps);
+    known_free(&r.plant);
     free(r.event);
     return NULL;
 }

@@ -46,9 +46,12 @@ bool key_ok(const char *key)
 static void change_json(const struct write *write, const struct change *c, struct text *t)
 {
     char ref[REF_LEN];
-    json_add(t, "{ref:%s, name:%s, from:%g, to:%g, seq:%jd}", ref_format(c->after.table, c->after.id, ref),
+    json_add(t, "{ref:%s, name:%s, from:%g, to:%g, seq:%jd", ref_format(c->after.table, c->after.id, ref),
              c->to.name, c->before.seq > 0 ? c->before.value : (double)NAN, c->after.value,
              write->stored == 1 ? c->after.seq : JSON_NONE);
+    if (c->over > 0)
+        json_add(t, "over:%g", c->over);
+    json_add(t, "}");
 }
 
 void write_json(const struct write *write, struct text *t)
@@ -134,7 +137,9 @@ static bool same_write(const struct write *a, const struct write *b)
     bool same = same_wish(a, b) && a->wanted == b->n;
     for (size_t i = 0; i < b->n && same; i++) {
         const struct apc_sample *x = &a->change[i].after, *y = &b->change[i].after;
-        same = x->table == y->table && x->id == y->id && x->value >= y->value && x->value <= y->value;
+        same = x->table == y->table && x->id == y->id && a->change[i].over == b->change[i].over &&
+               a->change[i].stop == b->change[i].stop &&
+               (a->change[i].stop || (x->value >= y->value && x->value <= y->value));
     }
     return same;
 }

@@ -28,17 +28,28 @@ int operate_fault(const struct cli *cli, const struct change_fault *why)
     return cli_error(cli, why->err, "%s", why->text);
 }
 
-int operate_find(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
-                 double value, struct change *c)
+int operate_find_any(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
+                     struct change *c)
 {
     struct change_target to;
     struct change_fault why;
-    if (change_find(plant, name, kinds, &to, &why) < 0 || change_check(&to, value, &why) < 0)
+    if (change_find(plant, name, kinds, &to, &why) < 0)
         return operate_fault(cli, &why);
     if (former_is(name, to.name))
         cli_former(cli, name, to.name);
-    change_make(plant, &to, value, c);
+    change_make(plant, &to, 0, c);
     return EXIT_OK;
+}
+
+int operate_find(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
+                 double value, struct change *c)
+{
+    struct change_fault why;
+    const int rc = operate_find_any(cli, plant, name, kinds, c);
+    if (rc != EXIT_OK)
+        return rc;
+    c->after.value = value;
+    return change_check(&c->to, value, &why) < 0 ? operate_fault(cli, &why) : EXIT_OK;
 }
 
 void operate_who(char *name, size_t size)
@@ -82,6 +93,9 @@ static int ask_history(const struct cli *cli, struct apc_store *store, const str
     int rc = EXIT_OK;
     for (size_t i = 0; i < o->n && rc == EXIT_OK; i++) {
         const struct change *c = &o->change[i];
+        if (c->over > 0 || c->stop)
+            return cli_error(cli, APC_EPERM, "%s: a history passes no ramp on: ask the live store",
+                             c->to.name);
         struct apc_request request = {
             .table = c->after.table, .variable = c->after.id, .value = c->after.value};
         snprintf(request.author, sizeof request.author, "%.31s", o->author);

@@ -18,6 +18,9 @@ int operate_fault(const struct cli *cli, const struct change_fault *why);
  * why not. */
 int operate_find(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
                  double value, struct change *change);
+/* The same, to whatever value. */
+int operate_find_any(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
+                     struct change *change);
 /* Who is at the terminal, not as whom: a name that su and sudo keep. */
 void operate_who(char *name, size_t size);
 /* Write, record, wait for the outcome unless cli->no_wait, show. Returns the exit code. */

@@ -320,6 +320,7 @@ static int show_status(const struct status *s, const struct past *past, const st
         rc = status_loops_show(&s->loops, colour);
     else if (s->plant.loops.n == 1)
         show_mode(s);
+    status_ramps_show(&s->loops, NULL);
     if (rc == 0)
         rc = show_values(s, colour);
     if (rc == 0)
@@ -411,6 +412,8 @@ static void show_status_json(const struct status *s, const struct past *past, co
     json_add(&t, ",\nmode:{target:%s, actual:%s},\n", common_mode(s, LOOP_TARGET),
              common_mode(s, LOOP_ACTUAL));
     status_loops_json(&s->loops, &t);
+    json_add(&t, ",\n");
+    status_ramps_json(&s->loops, &t);
     json_add(&t, ",\nvariables:[");
     json_values(s, &t);
     json_add(&t, "],\n");

@@ -52,7 +52,8 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
                                .reason = calloc(l->n + 1, sizeof *s->reason),
                                .plan = calloc(l->n_controllers + 1, sizeof *s->plan),
                                .timing = timing};
-    if (!s->row || !s->tick || !s->reason || !s->plan)
+    s->view = (struct plant_view){plant->tags.tag, plant->tags.n, l};
+    if (ramps_init(&s->ramps, &s->view, NULL) < 0 || !s->row || !s->tick || !s->reason || !s->plan)
         return APC_ENOMEM;
     for (size_t i = 0; i < l->n; i++)
         name_status_rows(s->row + LOOP_ROWS * i, l, &l->at[i]);
@@ -61,6 +62,8 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
     int rc = read_all(s, store);
     for (size_t i = 0; i < l->n_controllers && rc >= 0; i++)
         rc = status_plan_load(&s->plan[i], store, &plant->tags, l->controller[i].name);
+    if (rc >= 0)
+        rc = ramps_read(&s->ramps, store);
     s->now = apc_store_now(store);
     for (size_t i = 0; i < l->n && rc >= 0; i++)
         (void)mode_reason_find(store, l, &l->at[i], &s->row[LOOP_ROWS * i + LOOP_TARGET],
@@ -72,6 +75,7 @@ void status_loops_free(struct status_loops *s)
 {
     for (size_t i = 0; s->plan && i < s->plant->loops.n_controllers; i++)
         status_plan_free(&s->plan[i]);
+    ramps_free(&s->ramps);
     free(s->plan);
     free(s->row);
     free(s->tick);
@@ -245,6 +249,30 @@ int status_loops_show(const struct status_loops *s, bool colour)
     return rc;
 }
 
+/* That of the output where it is of a manual one. */
+static const char *name_of_ramp(const struct status_loops *s, const struct ramp *ramp)
+{
+    const struct loops_loop *loop =
+        ramp->now.table == APC_MANUAL ? loops_of(&s->plant->loops, APC_MANUAL, ramp->now.id) : NULL;
+    const struct apc_tag *output = loop ? cli_tag(&s->plant->tags, loop->table, loop->output) : NULL;
+    return output ? output->name : ramp->tag->name;
+}
+
+void status_ramps_show(const struct status_loops *s, const struct apc_sample *of)
+{
+    char target[DECIMAL_LEN], age[PRINT_LEN];
+    for (size_t i = 0; i < s->ramps.n; i++) {
+        const struct ramp *ramp = &s->ramps.at[i];
+        apc_ns to_go;
+        if (!(ramp->rate.value > 0) || apc_ns_from_s(ramp_to_go(ramp), &to_go) < 0 ||
+            (of && (of->table != ramp->now.table || of->id != ramp->now.id)))
+            continue;
+        print_clean(stdout, name_of_ramp(s, ramp));
+        printf(" is on a ramp to %s, %s to go\n", decimal_shortest(ramp->target.value, 6, target),
+               print_age(to_go, age));
+    }
+}
+
 /* ---- For programs ------------------------------------------------------------------------- */
 
 static void json_value(const struct status_loops *s, const char *key, const struct apc_sample *v,
@@ -304,5 +332,17 @@ void status_loops_json(const struct status_loops *s, struct text *t)
     json_add(t, "],\nloops:[");
     for (size_t i = 0; i < s->plant->loops.n; i++)
         status_loop_json(s, i, t);
+    json_add(t, "]");
+}
+
+void status_ramps_json(const struct status_loops *s, struct text *t)
+{
+    json_add(t, "ramps:[");
+    for (size_t i = 0; i < s->ramps.n; i++) {
+        const struct ramp *ramp = &s->ramps.at[i];
+        if (ramp->rate.value > 0)
+            json_add(t, "{name:%s, target:%g, rate:%g, to_go:%.3f}", name_of_ramp(s, ramp),
+                     ramp->target.value, ramp->rate.value, ramp_to_go(ramp));
+    }
     json_add(t, "]");
 }

@@ -18,6 +18,8 @@ struct status_loops {
     char (*reason)[REASON_LEN];  /* [loops] "": its mode is the target */
     const struct timing *timing; /* "lateness" of the tasks */
     struct status_plan *plan;    /* [controllers] */
+    struct plant_view view;
+    struct ramps ramps;
     apc_ns now;
 };
 
@@ -34,6 +36,10 @@ bool status_loops_have(const struct status_loops *s, const struct apc_sample *va
 const char *status_loops_owner(const struct status_loops *s, size_t loop);
 /* What stands between an entry and its effect; NULL: nothing. */
 const struct entry_note *status_loops_entry(const struct status_loops *s, size_t loop);
+/* A line a ramp: of variable @p of, NULL: of all. */
+void status_ramps_show(const struct status_loops *s, const struct apc_sample *of);
+/* An array of them. */
+void status_ramps_json(const struct status_loops *s, struct text *t);
 /* A table a controller. Returns 0 or APC_ENOMEM. */
 int status_loops_show(const struct status_loops *s, bool colour);
 /* Members "controllers" and "loops", two arrays. */

@@ -78,6 +78,7 @@ static int get_text(const struct status_loops *loops, const struct apc_sample *s
     const int rc = print_table_end(&table, stdout, cli_colour(), 0);
     for (int i = 0; i < n && named; i++) {
         const struct entry_note *entry = entry_of_sample(loops, &samples[i]);
+        status_ramps_show(loops, &samples[i]);
         if (entry)
             printf("%s: %s\n", print_name(tags, &samples[i], name), entry->text);
     }
@@ -134,27 +135,35 @@ out:
 /* ---- set ---------------------------------------------------------------------------------- */
 
 struct set_options {
-    bool confirm;
+    bool confirm, stop;
+    double over; /* 0: at once */
 };
 
 static const struct option_spec set_options[] = {
     {"confirm", 'c', NULL,
      "A step of more than the `confirm` of its variable in the experiment file is meant", OPTION_FLAG,
      .to = offsetof(struct set_options, confirm)},
+    {"over", 'o', "SECONDS", "On a ramp: linearly from the value in force, in so many seconds", OPTION_NUMBER,
+     .to = offsetof(struct set_options, over), .high = YEAR, .above = true,
+     .must = "be seconds, above 0 up to 31622400"},
+    {"stop", 0, NULL, "End the ramp of each VARIABLE where it is; no VALUE is given then", OPTION_FLAG,
+     .to = offsetof(struct set_options, stop)},
     {0},
 };
 
 static const struct cli_spec set_spec = {
-    .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]",
+    .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]\n--stop VARIABLE...",
     .doc =
         "Write setpoints or, of loops in Man, outputs; several pairs in one transaction. A VARIABLE is a "
         "name "
         "or TABLE.ID, such as setpoint.1. A setpoint that another controller or the scheduler moves is taken "
         "from it, until `apc remote`; its loop then goes from Cas to Auto. Waits until the controller has "
         "it, and says what became of "
-        "it: applied, superseded or refused; where no controller ticks, nothing is written.",
+        "it: applied, superseded or refused; where no controller ticks, nothing is written. A ramp is moved "
+        "by "
+        "the controller; it ends at its value, with a new write, and with --stop.",
     .takes = CLI_STORE | CLI_NEGATIVE | CLI_WRITES,
-    .min_args = 2,
+    .min_args = 1,
     .max_args = -1,
     .options = set_options,
 };
@@ -186,19 +195,23 @@ static const char *why_not(const struct cli_tags *tags, const char *name)
     }
 }
 
-static int admit_all(const struct cli *cli, const struct cli_tags *tags, struct operation *o)
+static int admit_all(const struct cli *cli, const struct cli_tags *tags, const struct set_options *own,
+                     struct operation *o)
 {
     const unsigned kinds = CHANGE_SETPOINT | CHANGE_OUTPUT;
     for (size_t i = 0; i < o->n; i++) {
         struct change *c = &o->change[i];
-        const char *name = cli->args[2 * i], *never = why_not(tags, name);
+        const char *name = cli->args[own->stop ? i : 2 * i], *never = why_not(tags, name);
         struct change_target to;
         struct change_fault why;
         if (never && change_find(o->plant, name, kinds, &to, &why) < 0)
             return cli_error(cli, APC_EPERM, "%s: %s", name, never);
-        const int rc = operate_find(cli, o->plant, name, kinds, c->after.value, c);
+        const int rc = own->stop ? operate_find_any(cli, o->plant, name, kinds, c)
+                                 : operate_find(cli, o->plant, name, kinds, c->after.value, c);
         if (rc != EXIT_OK)
             return rc;
+        c->stop = own->stop;
+        c->over = own->over;
         for (size_t j = 0; j < i; j++)
             if (o->change[j].to.table == c->to.table && o->change[j].to.id == c->to.id)
                 return cli_usage(cli, "%s is given twice", c->to.name);
@@ -219,14 +232,14 @@ static int check_modes(const struct cli *cli, struct apc_store *store, struct op
 }
 
 static int set_values(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n,
-                      bool confirmed)
+                      const struct set_options *own)
 {
     struct cli_plant plant;
     int rc = exit_code_of(cli_plant_load(cli, store, &plant));
     const struct plant_view view = operate_view(&plant);
-    struct operation o = {.plant = &view, .change = changes, .n = n, .confirmed = confirmed};
+    struct operation o = {.plant = &view, .change = changes, .n = n, .confirmed = own->confirm};
     if (rc == EXIT_OK)
-        rc = admit_all(cli, &plant.tags, &o);
+        rc = admit_all(cli, &plant.tags, own, &o);
     if (rc == EXIT_OK)
         rc = check_modes(cli, store, &o);
     if (rc == EXIT_OK)
@@ -242,19 +255,21 @@ int command_set(int argc, char **argv)
     struct cli cli;
 
     cli_parse(&cli, &set_spec, &own, argc, argv);
-    if (cli.n_args % 2)
-        return cli_usage(&cli, "\"%s\" has no value", cli.args[cli.n_args - 1]);
-    size_t n = (size_t)cli.n_args / 2;
+    if (own.stop && own.over > 0)
+        return cli_usage(&cli, "--stop ends a ramp, and --over begins one");
+    if (!own.stop && cli.n_args % 2)
+        return cli_usage(&cli, "\"%s\" has no value: each takes VARIABLE VALUE", cli.args[cli.n_args - 1]);
+    size_t n = (size_t)cli.n_args / (own.stop ? 1 : 2);
     struct change *changes = calloc(n, sizeof *changes);
     if (!changes)
         return cli_error(&cli, APC_ENOMEM, "out of memory");
     struct change_fault why;
     int rc = EXIT_OK;
-    for (size_t i = 0; i < n && rc == EXIT_OK; i++)
+    for (size_t i = 0; i < n && rc == EXIT_OK && !own.stop; i++)
         if (change_number(cli.args[2 * i + 1], &changes[i].after.value, &why) < 0)
             rc = cli_usage(&cli, "%s: %s", cli.args[2 * i], why.text);
     if (rc == EXIT_OK && (rc = exit_code_of(cli_open(&cli, &store))) == EXIT_OK)
-        rc = set_values(&cli, store, changes, n, own.confirm);
+        rc = set_values(&cli, store, changes, n, &own);
     apc_store_close(store);
     free(changes);
     return cli_done(&cli, rc);

@@ -18,10 +18,10 @@ confirms
 background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
 ticks() { "$apc" mode --store "$live" | grep -q '^actual  Auto'; }
 until_true 60 ticks
-asked 13 bad_writes cli "$apc" "$live"
+asked 15 bad_writes cli "$apc" "$live"
 
 page_of "$live"
-asked 13 bad_writes http "$page" "$engineer" "$observer"
+asked 15 bad_writes http "$page" "$engineer" "$observer"
 
 background historian "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history postgresql: --writes-within 60
 is_history() { [ "$(sql 'SELECT kind FROM apc.catalogue ORDER BY revision DESC LIMIT 1')" = history ]; }

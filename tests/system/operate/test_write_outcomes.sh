@@ -11,9 +11,9 @@ PATH=$PATH:/usr/sbin
 export HOME=$work
 fast_experiment
 puppet_controller
-asked 6 write_outcomes cli "$apc" postgresql:
+asked 7 write_outcomes cli "$apc" postgresql:
 page_of postgresql:
-asked 6 write_outcomes http "$page" "$engineer" "$observer"
+asked 7 write_outcomes http "$page" "$engineer" "$observer"
 if broker_of postgresql:; then
   asked 6 write_outcomes mqtt "$broker" "$work/outcomes.log"
 fi

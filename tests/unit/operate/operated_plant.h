@@ -34,13 +34,13 @@ static struct apc_sample newest(enum apc_table table, int id)
     return s;
 }
 
-static void append(struct apc_sample s)
+static inline void append(struct apc_sample s)
 {
     s.seq = newest(s.table, s.id).seq + 1;
     assert_int_equal(apc_store_append(store, &s, 1), 1);
 }
 
-static void ticked(int controller, apc_ns ago)
+static inline void ticked(int controller, apc_ns ago)
 {
     static int64_t seq;
     double value = 0;
@@ -56,7 +56,7 @@ static void ticked(int controller, apc_ns ago)
 }
 
 /* What became of row @p origin, as its controller says. */
-static void became(enum apc_table table, int id, int64_t origin, double value, apc_status status)
+static inline void became(enum apc_table table, int id, int64_t origin, double value, apc_status status)
 {
     append((struct apc_sample){.table = APC_ACTUAL,
                                .id = apc_variable_number(table, id),

@@ -301,6 +301,46 @@ static void ones_last_write_is_undone_by_its_time_once(void **state)
     assert_near(in_force(APC_TUNING, 1, &seq), 10, 0);
 }
 
+/* Promise(modes/ramp) */
+static void a_ramp_begins_where_it_is_and_is_stopped(void **state)
+{
+    int64_t seq;
+    (void)state;
+    put(APC_SETPOINT, 1, 5);
+    put(APC_OPMODE, 2, APC_MODE_AUTO);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1,\"over\":0}"), 422);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1,\"over\":\"long\"}"), 422);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"stop\":false}"), 400);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"stop\":true,\"value\":6}"), 400);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"stop\":true}"), 409);
+    assert_string_equal(request.fault.code, "ramp");
+    assert_string_equal(request.fault.message, "r1 is on no ramp: there is nothing to stop");
+    json_t *write =
+        post(post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1,\"over\":10,\"key\":\"a-key-of-a-ramp\"}");
+    const json_t *change = json_array_get(json_object_get(write, "changes"), 0);
+    assert_near(json_number_value(json_object_get(change, "to")), 6, 0);
+    assert_near(json_number_value(json_object_get(change, "over")), 10, 0);
+    json_decref(write);
+    assert_near(in_force(APC_SETPOINT, 1, &seq), 5, 0);
+    assert_int_equal(seq, 2);
+    assert_near(in_force(APC_SETPOINT, LOOPS_RAMP(1), &seq), 6, 0);
+    assert_near(in_force(APC_SETPOINT, LOOPS_RATE(1), &seq), 0.1, 1e-15);
+    assert_has(newest_text(), "r1: 5 -> 6 over 10 s");
+    assert_int_equal(
+        refused(post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1,\"over\":11,\"key\":\"a-key-of-a-ramp\"}"),
+        422);
+    put(APC_SETPOINT, 1, 5.5); /* by its mover */
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"stop\":true}"), 0);
+    assert_near(in_force(APC_SETPOINT, 1, &seq), 5.5, 0);
+    assert_near(in_force(APC_SETPOINT, LOOPS_RATE(1), &seq), 0, 0);
+    assert_has(newest_text(), "r1: stopped at 5.5");
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":9,\"seq\":4,\"over\":10}"), 0);
+    put(APC_SETPOINT, 1, 6); /* while it moves there is no newest row that an operator could know */
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":7,\"seq\":4}"), 0);
+    assert_near(in_force(APC_SETPOINT, 1, &seq), 7, 0);
+    assert_near(in_force(APC_SETPOINT, LOOPS_RATE(1), &seq), 0, 0);
+}
+
 static const char *tuning_body(int n, int64_t seq, double value)
 {
     static char body[8192];
@@ -860,6 +900,7 @@ int main(void)
         T(a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said),
         T(a_setpoint_that_was_taken_is_given_back_to_the_scheduler),
         T(ones_last_write_is_undone_by_its_time_once),
+        T(a_ramp_begins_where_it_is_and_is_stopped),
         T(as_many_tunings_as_there_are_go_at_once),
         T(a_stale_write_is_told_what_is_newer),
         T(what_became_of_a_write_is_known_by_its_key),

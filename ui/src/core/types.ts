@@ -135,6 +135,7 @@ export interface Control {
   running: Record<string, boolean | null>; // by controller
   reasons: Record<string, string>; // by loop
   entries: Record<string, {code: string; text: string}>; // by loop: what stands between an entry and its effect
+  ramps: Record<Ref, {target: number; rate: number; to_go: number}>; // to_go: s
   shadow: string[]; // controllers that go along and move nothing
   safe: boolean | null;
   safe_since: number | null;
@@ -330,5 +331,5 @@ export interface Write {
   stored: boolean | null;
   reason: string | null;
   confirm?: boolean; // it failed: so great a step has to be confirmed
-  changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null}[];
+  changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null; over?: number}[]; // over: s, of a ramp
 }

@@ -5,8 +5,8 @@ import type {JSX} from "preact";
 import {useId, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
-import {complaint as complain, exact, limitsText, read} from "../core/format";
-import {live, variable} from "../core/model";
+import {complaint as complain, duration, exact, limitsText, read} from "../core/format";
+import {control, live, variable} from "../core/model";
 import type {Mover} from "../core/modes";
 import type {Ref} from "../core/types";
 import {forget, send, slot} from "../core/writing";
@@ -33,17 +33,21 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
   const barred = useWriteBar() ?? blocked;
   const [typed, setTyped] = useState<{text: string; seq: number; value: number | null} | null>(null);
   const sent = useRef<typeof typed>(null);
+  const [over, setOver] = useState(""); // s that a ramp is to take
+  const ramp = useCell(control)?.ramps[of];
   const id = useId();
   const field = useRef<HTMLInputElement>(null);
   const name = `${kind}.${one?.id}`;
   const view = useCell(slot(name));
   // What was sent and is stored is the readback now. What was refused stays, and what was typed since.
   const draft = view?.stored && typed === sent.current ? null : typed;
-  const complaint = draft ? complain(draft.text, low, high) : null;
+  const slow = draft && over.trim() ? read(over).value : null;
+  const complaint = !draft ? null : (complain(draft.text, low, high) ?? (over.trim() && !(slow != null && slow > 0) ? tr("entry.overWrong") : null));
   const value = draft ? read(draft.text).value : null;
-  const overtaken = draft != null && draft.seq !== now.seq && !remote?.cascade;
+  const overtaken = draft != null && draft.seq !== now.seq && !remote?.cascade && !ramp;
 
   const edit = (text: string): void => {
+    if (!draft) setOver("");
     setTyped({text, seq: draft?.seq ?? now.seq, value: draft?.value ?? from.value});
     if (view && view.phase !== "pending") forget(name);
   };
@@ -53,16 +57,19 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
   const apply = (seq: number, confirm = false): void => {
     if (!ready) return;
     sent.current = draft;
-    void send(name, kind, {id: one?.id, value, seq, ...(confirm && {confirm})}, `${one?.name ?? ""} ${said(from.value)} → ${exact(value)}${unit}`);
+    const time = slow ? ` ${tr("entry.overSaid", {s: exact(slow)})}` : "";
+    void send(name, kind, {id: one?.id, value, seq, ...(slow && {over: slow}), ...(confirm && {confirm})}, `${one?.name ?? ""} ${said(from.value)} → ${exact(value)}${unit}${time}`);
   };
+  const stop = (): void => void send(name, kind, {id: one?.id, stop: true}, `${one?.name ?? ""}: ${tr("entry.stop")}`);
   const revert = (): void => {
     setTyped(null);
+    setOver("");
     if (view && view.phase !== "pending") forget(name);
     requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };
   /** Of what somebody has written all of it, as that is what goes out again. */
   const said = (value: number | null): string => (variable(shown)?.period == null && !remote?.cascade ? exact(value) : told(shown, value));
-  const over = (): void => apply(now.seq);
+  const overwrite = (): void => apply(now.seq);
 
   return (
     <form
@@ -112,7 +119,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
         ) : overtaken && view?.phase !== "pending" ? (
           <>
             <span class="complaint">{tr("entry.overtaken", {value: `${exact(now.value)}${unit}`})}</span>{" "}
-            <button type="button" onClick={over}>{tr("entry.overwrite", {value: exact(value)})}</button>
+            <button type="button" onClick={overwrite}>{tr("entry.overwrite", {value: exact(value)})}</button>
           </>
         ) : draft && view?.phase !== "pending" ? (
           <span>
@@ -123,7 +130,33 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
         )}
       </div>
       {note && <div id={`${id}-note`} class="say">{note}</div>}
-      <WriteStatus of={name} retry={view?.confirm && draft ? () => apply(draft.seq, true) : over} />
+      <WriteStatus of={name} retry={view?.confirm && draft ? () => apply(draft.seq, true) : overwrite} />
+      {draft && view?.phase !== "pending" && (
+        <div class="entry-line over">
+          <label for={`${id}-over`}>{tr("entry.over")}</label>
+          <input
+            id={`${id}-over`}
+            name={`${name}.over`}
+            type="text"
+            inputMode="decimal"
+            autocomplete="off"
+            value={over}
+            onInput={event => setOver(event.currentTarget.value)}
+            onKeyDown={event => {
+              if (event.key !== "Escape") return;
+              event.stopPropagation();
+              revert();
+            }}
+          />
+          <span class="unit">s</span>
+        </div>
+      )}
+      {ramp && (
+        <div class="entry-line ramp">
+          <span>{tr("entry.ramp", {target: `${exact(ramp.target)}${unit}`, time: duration(Math.ceil(ramp.to_go))})}</span>
+          <button type="button" disabled={barred != null || view?.phase === "pending"} onClick={stop}>{tr("entry.stop")}</button>
+        </div>
+      )}
     </form>
   );
 }
