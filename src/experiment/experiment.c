@@ -5,8 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "experiment.h"
 #include "files/files.h"
@@ -711,18 +709,6 @@ static int take_recorded_settings(struct experiment *e, const struct record *rec
     e->start = record->start;
     snprintf(e->net, sizeof e->net, "%s", record->net);
     return models_network(&e->models, e->net, why);
-}
-
-int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
-                    struct apc_error *why)
-{
-    struct stat at;
-    const bool folder = stat(name, &at) == 0 && S_ISDIR(at.st_mode);
-    snprintf(path, EXPERIMENT_PATH, folder ? "%.500s/run.conf" : "%.510s", name);
-    int rc = record_read(record, path, why);
-    if (rc == 0 && folder && access(path, F_OK) != 0)
-        rc = apc_fail(why, APC_ENOTFOUND, "%s is no run folder: it has no run.conf", name);
-    return rc == 0 ? settings_read(path, text, why) : rc;
 }
 
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,

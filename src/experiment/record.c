@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/utsname.h>
 #include <unistd.h>
 
@@ -192,4 +193,16 @@ int record_build(struct record_build *build, const char *dir, struct apc_error *
     }
     config_destroy(&config);
     return s.failed;
+}
+
+int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
+                    struct apc_error *why)
+{
+    struct stat at;
+    const bool folder = stat(name, &at) == 0 && S_ISDIR(at.st_mode);
+    snprintf(path, EXPERIMENT_PATH, folder ? "%.500s/run.conf" : "%.510s", name);
+    int rc = record_read(record, path, why);
+    if (rc == 0 && folder && access(path, F_OK) != 0)
+        rc = apc_fail(why, APC_ENOTFOUND, "%s is no run folder: it has no run.conf", name);
+    return rc == 0 ? settings_read(path, text, why) : rc;
 }
