@@ -385,31 +385,11 @@ void apc_reduced_close(struct apc_reduced *reduced)
     *reduced = (struct apc_reduced){0};
 }
 
-/* x with the algebraic variables behind it; NULL where there are none that fit. */
-static const double *complete_states(const struct apc_reduced *reduced, const double *x, const double *u)
+const double *apc_reduced_complete(const struct apc_reduced *reduced, const double *x, const double *u)
 {
     const struct apc_model *m = reduced->model;
 
-    if (!reduced->algebraic)
-        return x;
     memcpy(reduced->x, x, m->nx * sizeof(*x));
     apc_param_initials(m->algebraic, m->nz, reduced->x + m->nx);
     return apc_algebraic_solve(reduced->algebraic, 0.0, reduced->x, u, NULL) == 0 ? reduced->x : NULL;
-}
-
-int apc_reduced_f(const struct apc_reduced *reduced, const double *x, const double *u, double *dx)
-{
-    const double *whole = complete_states(reduced, x, u);
-
-    return whole ? reduced->model->f(0.0, whole, u, reduced->p, dx) : -1;
-}
-
-void apc_reduced_g(const struct apc_reduced *reduced, const double *x, const double *u, double *y)
-{
-    const double *whole = complete_states(reduced, x, u);
-
-    for (size_t i = 0; !whole && i < reduced->model->ny; i++)
-        y[i] = (double)NAN;
-    if (whole)
-        reduced->model->g(0.0, whole, u, reduced->p, y);
 }

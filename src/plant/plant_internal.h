@@ -63,10 +63,30 @@ struct apc_reduced {
 int apc_reduced_open(struct apc_reduced *reduced, const struct apc_model *model, const double *p,
                      struct apc_error *why);
 void apc_reduced_close(struct apc_reduced *reduced); /**< One of zeros is legal. [setup] */
-/** x' to @p dx [nx]; nonzero where the model is not defined. [tick] */
-int apc_reduced_f(const struct apc_reduced *reduced, const double *x, const double *u, double *dx);
+/** @p x [nx] with the algebraic variables behind it, until the next call; NULL where the equations have no
+ * solution. [tick] */
+const double *apc_reduced_complete(const struct apc_reduced *reduced, const double *x, const double *u);
+
+/** x' to @p dx [nx]; nonzero where the model is not defined. Models without equations pay a look. [tick] */
+static inline int apc_reduced_f(const struct apc_reduced *reduced, const double *x, const double *u,
+                                double *dx)
+{
+    const double *whole = reduced->algebraic ? apc_reduced_complete(reduced, x, u) : x;
+
+    return whole ? reduced->model->f(0.0, whole, u, reduced->p, dx) : -1;
+}
+
 /** NaN where the algebraic equations have no solution. [tick] */
-void apc_reduced_g(const struct apc_reduced *reduced, const double *x, const double *u, double *y);
+static inline void apc_reduced_g(const struct apc_reduced *reduced, const double *x, const double *u,
+                                 double *y)
+{
+    const double *whole = reduced->algebraic ? apc_reduced_complete(reduced, x, u) : x;
+
+    for (size_t i = 0; !whole && i < reduced->model->ny; i++)
+        y[i] = (double)NAN;
+    if (whole)
+        reduced->model->g(0.0, whole, u, reduced->p, y);
+}
 
 /* ---- Integrators ---------------------------------------------------------------------------- */
 
