@@ -108,7 +108,7 @@ BEGIN
         GRANT UPDATE (seq, outcome) ON request TO apc_historian;
     ELSE
         GRANT INSERT ON sensor TO apc_client;
-        GRANT INSERT ON sensor, actuator, setpoint, actual, estimate, tick, plan, prediction TO apc_controller;
+        GRANT INSERT ON sensor, actuator, setpoint, manual, actual, estimate, tick, plan, prediction TO apc_controller;
         GRANT INSERT ON setpoint, plan TO apc_scheduler;
         GRANT INSERT ON alarm, actual, tick TO apc_alarms;
         GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator, apc_engineer, apc_historian;

@@ -45,8 +45,10 @@ static void get_json(const struct status_loops *loops, const struct apc_sample *
     for (int i = 0; i < n; i++) {
         json_add(&t, ",\n{");
         print_sample_members(&t, &samples[i], tags, apc_store_now(past->store));
-        json_add(&t, "entry:");
-        entry_note_json(entry_of_sample(loops, &samples[i]), &t);
+        if (loops->now > 0) {
+            json_add(&t, "entry:");
+            entry_note_json(entry_of_sample(loops, &samples[i]), &t);
+        }
         past_json(past, &t);
         if (past->is &&
             (samples[i].author == 0 || apc_store_author_name(past->store, samples[i].author, author) < 0))
@@ -67,22 +69,34 @@ static void get_csv(const struct apc_sample *samples, int n)
 }
 
 /* @p named: they are asked for by name. */
-static int get_text(const struct status_loops *loops, const struct apc_sample *samples, int n, bool named)
+static int get_text(const struct status_loops *loops, const struct apc_sample *samples, int n, apc_ns now,
+                    bool named)
 {
     const struct cli_tags *tags = &loops->plant->tags;
     char name[PRINT_LEN];
     struct print_table table;
     print_table_open(&table, print_sample_columns, 6);
     for (int i = 0; i < n; i++)
-        print_sample_cells(&table, tags, &samples[i], loops->now, "");
+        print_sample_cells(&table, tags, &samples[i], now, "");
     const int rc = print_table_end(&table, stdout, cli_colour(), 0);
-    for (int i = 0; i < n && named; i++) {
+    for (int i = 0; i < n && named && loops->now > 0; i++) {
         const struct entry_note *entry = entry_of_sample(loops, &samples[i]);
         status_ramps_show(loops, &samples[i]);
         if (entry)
             printf("%s: %s\n", print_name(tags, &samples[i], name), entry->text);
     }
     return rc;
+}
+
+/* What is beside an entry, where the store lets it be seen: a role of less than an operator's has the values
+ * alone, and `now` stays 0. */
+static void load_entries(struct status_loops *loops, struct apc_store *store, const struct cli_plant *plant)
+{
+    static const struct timing none;
+    if (status_loops_load(loops, store, plant, &none) < 0) {
+        status_loops_free(loops);
+        *loops = (struct status_loops){.plant = plant};
+    }
 }
 
 int command_get(int argc, char **argv)
@@ -94,7 +108,6 @@ int command_get(int argc, char **argv)
     struct past past;
     struct cli_plant plant = {0};
     struct status_loops loops = {0};
-    struct timing timing = {0};
     struct apc_sample *samples = NULL;
     struct cli cli;
     int n = 0;
@@ -107,9 +120,7 @@ int command_get(int argc, char **argv)
         rc = n = cli_variables(&cli, &plant.tags, shown, &samples);
     if (rc < 0)
         goto out;
-    rc = status_loops_load(&loops, past.store, &plant, &timing);
-    if (rc >= 0)
-        rc = apc_store_read(past.store, samples, (size_t)n);
+    rc = apc_store_read(past.store, samples, (size_t)n);
     if (rc < 0)
         cli_store_error(&cli, rc, past.store);
     else
@@ -117,11 +128,13 @@ int command_get(int argc, char **argv)
     if (rc < 0)
         goto out;
     past_show(&past, &cli);
+    if (cli.format != CLI_CSV)
+        load_entries(&loops, past.store, &plant);
     if (cli.format == CLI_JSON)
         get_json(&loops, samples, n, &past);
     else if (cli.format == CLI_CSV)
         get_csv(samples, n);
-    else if ((rc = get_text(&loops, samples, n, cli.n_args > 0)) < 0)
+    else if ((rc = get_text(&loops, samples, n, apc_store_now(past.store), cli.n_args > 0)) < 0)
         cli_error(&cli, rc, "out of memory");
     past_note(&past, &cli);
 out:

@@ -451,8 +451,8 @@ static void what_has_a_condition_happens_as_at_that_time(void **state)
     static const char *const happens[] = {
         "faults = ( { signal = \"y\"; kind = \"drift\"; size = 0.1; duration = 20.0; ",
         "faults = ( { signal = \"y\"; kind = \"spike\"; size = -40.0; duration = 4.0; ",
-        "faults = ( { signal = \"u\"; kind = \"stuck\"; at = 1.0; duration = 1.0; },"
-        "           { signal = \"u\"; kind = \"stuck\"; duration = 20.0; ",
+        ("faults = ( { signal = \"u\"; kind = \"stuck\"; at = 1.0; duration = 1.0; },"
+         "           { signal = \"u\"; kind = \"stuck\"; duration = 20.0; "),
         "actions = ( { set = \"r\"; value = 15.0; "};
     (void)state;
     for (size_t i = 0; i < sizeof happens / sizeof *happens; i++) {

@@ -110,7 +110,7 @@ struct right {
 static const struct right rights[] = {
     {"plant", "d", "", ""},
     {"client", "ad", "s", "s"},
-    {"controller", "sapdotmceln", "sapcelnh", "sapcelnh"},
+    {"controller", "sapdotmceln", "sapmcelnh", "sapmcelnh"},
     {"scheduler", "pdo", "pn", "pn"},
     {"alarms", "sapdotmcerl", "crl", "crl"},
     {"historian", "sapdotmcerlnh", "potml", "potml"},
