@@ -481,21 +481,23 @@ static int find_ticks(struct move *m, struct why *w, apc_ns from, apc_ns until, 
         from -= until - ticks->at[m->until].time;
     m->from = last_tick(ticks, from);
     m->from = m->from < m->until ? m->from : from < ticks->at[0].time ? 0 : m->until - 1;
-    w->before = &ticks->at[m->from];
     w->tick = &ticks->at[m->until];
     return 0;
 }
 
-/* What the rows say of the loop. */
-static int read_loop(const struct move *m, struct why *w, struct apc_error *why)
+/* What the rows say of the loop. A move begins where something goes out. */
+static int read_loop(struct move *m, struct why *w, struct apc_error *why)
 {
     const struct apc_controller *c = m->rc->core;
-    const double *row = tick_of_move(m, m->until), *former = tick_of_move(m, m->from);
     const size_t *at = c->offset, i = w->element;
     for (size_t k = m->from; k <= m->until; k++)
         if (m->rc->ticks.at[k].n != c->out_row->n)
             return apc_fail(why, APC_EPROTO, "%s: its law, its settings or its model are not those that ran",
                             m->rc->of->name);
+    while (m->from + 1 < m->until && !(tick_of_move(m, m->from)[at[APC_TICK_THERE] + i] > 0))
+        m->from++;
+    w->before = &m->rc->ticks.at[m->from];
+    const double *row = tick_of_move(m, m->until), *former = tick_of_move(m, m->from);
     w->u_before = former[at[APC_TICK_U] + i];
     w->u = row[at[APC_TICK_U] + i];
     w->state_before = (enum apc_loop_state)former[at[APC_TICK_STATE] + i];

@@ -296,6 +296,22 @@ static void the_terms_of_a_law_are_its_output(void **state)
     assert_int_equal(answer.n_terms, 0);
 }
 
+/* As in a loop that waits for its first measurement. */
+static void a_move_begins_where_something_goes_out(void **state)
+{
+    (void)state;
+    make_run("first-order", "", 60);
+    struct replay_controller *c = replay.controller;
+    explain("u", 0, 50);
+    for (size_t k = 0; k < 3; k++)
+        c->ticks.value[c->ticks.at[k].first + answer.by->core->offset[APC_TICK_THERE]] = 0;
+    explain("u", 0, 50);
+    assert_ptr_equal(answer.before, &c->ticks.at[3]);
+    assert_whole();
+    assert_int_equal(why_find(&answer, &replay, "u", replay.start, c->ticks.at[2].time, &why), APC_ENOTFOUND);
+    assert_has(why.text, "u: nothing went out yet");
+}
+
 /* Promise(simulation/why-output-moved) */
 static void a_damaged_record_is_not_explained(void **state)
 {
@@ -425,6 +441,7 @@ int main(void)
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
         cmocka_unit_test_teardown(who_wrote_is_told_in_the_words_of_the_write, end),
         cmocka_unit_test_teardown(the_terms_of_a_law_are_its_output, end),
+        cmocka_unit_test_teardown(a_move_begins_where_something_goes_out, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
         cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),
         cmocka_unit_test_teardown(a_question_is_answered_in_time_or_refused, end),
