@@ -123,7 +123,7 @@ static void try_frictions(struct friction *f, struct fit *fit, double unit)
     static const double jumps[JUMPS] = {0, 0.3, 0.6, 1.0};
     const double most = 1.1 * span(fit->u, fit->n), linear = unexplained(fit, fit->u);
     double best = linear, size = most;
-    for (int i = 0; i < SIZES; i++, size /= 1.3)
+    for (int i = 0; i < SIZES; i++) {
         for (int k = 0; k < JUMPS; k++) {
             stick(fit->u, fit->n, size, jumps[k] * size, fit->position);
             if (!(standardize(fit->position, fit->n, fit->input) > 1e-3))
@@ -134,6 +134,8 @@ static void try_frictions(struct friction *f, struct fit *fit, double unit)
                 f->size = size * unit;
             }
         }
+        size /= 1.3;
+    }
     if (linear > 0 && best < linear) {
         f->share = 1 - best / linear;
         f->evidence = (double)fit->n / 2 * apc_log(linear / best);
@@ -150,7 +152,7 @@ int friction_find(struct friction *f, const double *u, const double *y, size_t n
     if (!memory)
         return APC_ENOMEM;
     const double unit = standardize(u, n, fit.u);
-    if (standardize(y, n, fit.y) > 0 && unit > 0 && n > 4 * UNKNOWNS) {
+    if (standardize(y, n, fit.y) > 0 && unit > 0 && n > (size_t)4 * UNKNOWNS) {
         lagged_products(fit.y, fit.y, n, OLD, fit.own);
         try_frictions(f, &fit, unit);
     }
