@@ -331,7 +331,7 @@ static void find_triggered_fault(struct scenario_reading *r, const struct scenar
                                    : 0;
     char path[APC_TAG_LEN + 32];
     put_fault_path(e, when, path, sizeof path);
-    if (n != count_changes(r, path))
+    if (n == 0 || n != count_changes(r, path))
         settings_fail(&r->s, when->group, "a setting of %s is in the way of a fault with a condition", path);
     else
         trigger->fault = when->fault + (size_t)(y ? e->sensor[when->signal].fault - e->faults

@@ -158,7 +158,7 @@ static int judge_loops(struct kpis *m, const struct kpis_source *s)
         pass_loop_rows(&w, s->process, s->operation);
         struct kpis_loop *const loop = &m->loop[m->n_loops++];
         *loop = kpis_of_loop(&w);
-        if (w.stretch)
+        if (s->horizon && w.stretch)
             rc = stretch_judge(&stretch, loop->low + loop->high, *s->horizon, &loop->health);
     }
     return m->loop ? rc : APC_ENOMEM;

@@ -167,7 +167,7 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
         rc = take_plant_options(&o, options, model, why);
     if (rc == 0 && apc_model_is_fmu(model))
         rc = check_fmu(model, x0, options ? options->integrator : NULL, &o, why);
-    if (rc < 0)
+    if (rc != 0)
         return rc;
     new = calloc(1, sizeof(*new));
     if (!new)

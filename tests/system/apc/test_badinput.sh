@@ -103,7 +103,7 @@ for program in apc-client apc-controller apc-scheduler; do
   expect 1 'schema "apc".*apc init' "$APC_BIN/$program" --config "$good"
 done
 # every failure to open a store has a code of its own, and no message a part of a password
-expect 1 'does not begin with what it is' "$apc" alarm list --store --store x
+expect 1 'does not begin with what it is' "$apc" alarm list --store --store
 expect 3 'cannot be opened' "$apc" alarm list --store "sqlite:$work/nowhere/x"
 for uri in postgresql://u:s3cret postgresql://u:s3@cret@127.0.0.1:1/db; do
   expect 1 'malformed store URI: the (port is no number|host has an @ in it)' "$apc" status --json --store "$uri"
