@@ -133,7 +133,7 @@ wrong "transfer = (\n{ $one zero = 3.0; } );" '1: .*a zero needs a time constant
 wrong "transfer = ( { $one tau = [1.0]; },\n{ $one } );" '2: from u to y there is one already'
 wrong "transfer = (\n{ $one tao = [1.0]; } );" '2: unknown setting "tao"'
 wrong "transfer = ( );\noutputs = [\"y\", \"y\"];" '2: "outputs" must name all 1 of controller controller, as \["y", ...\]'
-wrong "state_space = {\nA = ( [1.0, 2.0] ); B = ( [1.0] ); C = ( [1.0] ); };" '2: expected 1 number in brackets'
+wrong "state_space = {\nA = ( [1.0, 2.0] ); B = ( [1.0] ); C = ( [1.0] ); };" '2: .*expected 1 number in brackets'
 wrong "state_space = { A = ( [1.0] );\nB = ( [1.0], [1.0] ); C = ( [1.0] ); };" '2: "B" has 2 rows: expected 1 of 1 numbers'
 wrong "state_space = { A = ( [1.0] ); B = ( [1.0] );\n };" '1: "C" is missing'
 wrong "state_space = {\nperiod = 1.0; A = ( [0.5] ); B = ( [1.0] ); C = ( [1.0] ); };" '2: "period" is 1 s, that of controller controller 2 s'
@@ -145,7 +145,7 @@ wrong "state_space = {\n$sampled error = [1.0]; };" '2: "K" and "error", .* go t
 wrong "state_space = {\n$sampled K = ( [0.1] );\nerror = [0.0]; };" '3: "error" of y is 0: a standard deviation is above 0'
 wrong "state_space = {\n$sampled K = ( [0.1], [0.2] );\nerror = [1.0]; };" '2: "K" has 2 rows: expected 1 of 1 numbers'
 wrong "state_space = { A = ( [-0.5] ); B = ( [1.0] ); C = ( [1.0] );\ndead_time = [-1.0]; };" '2: "dead_time" of u is -1'
-wrong "state_space = { A = ( [-0.5] ); B = ( [1.0] ); C = ( [1.0] ); };\noperating_point = { u = [1.0, 2.0]; };" '2: expected 1 number in brackets'
+wrong "state_space = { A = ( [-0.5] ); B = ( [1.0] ); C = ( [1.0] ); };\noperating_point = { u = [1.0, 2.0]; };" '2: "u": expected 1 number in brackets'
 wrong "transfer = ( { $one tau = [1.0]; } );\noperating_point = { x = [1.0]; };" '2: unknown setting "x" in operating_point'
 wrong "transfer = (" '2: syntax error: the file ends within'
 # of the experiment
