@@ -22,7 +22,7 @@ for more in '' '-O2 -ffp-contract=fast'; do # without optimisation nothing is co
   aarch64-linux-gnu-gcc "${flags[@]}" $more -D_GNU_SOURCE -static -Iinclude -Isrc -Itests/system/plain -o "$work/math" \
     tests/unit/base/test_base_math.c src/base/math.c -lm
   case $more in
-    '') qemu-aarch64-static "$work/math" | grep -qx '4 of 4 passed' || fail "other bits on arm64" ;;
+    '') qemu-aarch64-static "$work/math" | grep -qEx '([1-9][0-9]*) of \1 passed' || fail "other bits on arm64" ;;
     *) ! qemu-aarch64-static "$work/math" >/dev/null 2>&1 || fail "the test sees no operation that was contracted" ;;
   esac
 done
