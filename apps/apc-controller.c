@@ -30,6 +30,7 @@ struct shell {
     struct known_plant plant;
     struct ramps ramps; /* the main thread's */
     unsigned looks;
+    int unmoved; /* the error that ramps met last, which was said */
 };
 
 #define AT(member) .to = offsetof(struct shell, member)
@@ -250,7 +251,7 @@ static void say_ramp_ended(void *ctx, const char *text)
     daemon_event(ctx, APC_EVENT_INFO, "ramp", "%s", text);
 }
 
-/* A store that is away keeps them where they are. */
+/* A store that is away keeps them where they are, and is told of elsewhere; one that refuses is told of here. */
 static void move_ramps(void *ctx)
 {
     struct shell *s = ctx;
@@ -258,8 +259,13 @@ static void move_ramps(void *ctx)
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
     if (s->looks++ % IDLE > 0 || atomic_load(&s->d.idle))
         return;
-    if (ramps_step(&s->ramps, daemon_records(&s->d), now, &told) != 0)
+    const int rc = ramps_step(&s->ramps, daemon_records(&s->d), now, &told);
+    if (rc != 0)
         s->looks = 0;
+    if (rc < 0 && rc != s->unmoved && rc != APC_ECONN && rc != APC_ETIMEDOUT)
+        daemon_event(&s->d, APC_EVENT_WARNING, "ramp", "a ramp stands still: %s",
+                     apc_store_error(daemon_records(&s->d)));
+    s->unmoved = rc < 0 ? rc : 0;
 }
 
 static int open_ramps(struct shell *s)

@@ -2,6 +2,7 @@
 #include "cli.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -286,6 +287,14 @@ static bool parse_duration(const char *text, apc_ns *duration)
     number[length - 1] = '\0';
     return unit && apc_number_parse(number, &value) == 0 && value >= 0 &&
            apc_ns_from_s(value * seconds[unit - units], duration) == 0;
+}
+
+int cli_seconds(const struct cli *cli, const char *name, const char *text, double *t)
+{
+    *t = (double)NAN;
+    if (!text || (apc_number_parse(text, t) == 0 && *t >= 0))
+        return EXIT_OK;
+    return cli_usage(cli, "--%s \"%s\": must be s since the start of the run, 0 or more", name, text);
 }
 
 int cli_duration(const struct cli *cli, const char *option, const char *text, apc_ns *duration)

@@ -83,6 +83,8 @@ bool cli_when(const char *text, apc_ns *time);
 /* The TIME of option --NAME, as cli_when() takes it, into *time; NULL leaves it as it
  * is. Returns EXIT_OK, or EXIT_USAGE after saying so. */
 int cli_time(const struct cli *cli, const char *name, const char *text, apc_ns *time);
+/* The same of seconds since the start of a run; NULL: NAN. */
+int cli_seconds(const struct cli *cli, const char *name, const char *text, double *t);
 
 /* The DURATION of option --NAME, as 30s, 10m, 2h, 90d, into *duration; NULL leaves it as it is. Returns
  * EXIT_OK, or EXIT_USAGE after saying so. */

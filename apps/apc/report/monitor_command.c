@@ -143,22 +143,21 @@ static void show_json(const struct kpis *m)
 
 /* ---- The command -------------------------------------------------------------------------- */
 
-static int monitor_run(const struct cli *cli, const struct monitor_options *o, struct kpis *m,
-                       struct apc_error *why)
+static int monitor_run(const struct cli *cli, const struct monitor_options *o, struct kpis *m)
 {
-    double from = (double)NAN, to = (double)NAN;
+    struct apc_error why;
     struct experiment e;
-    if (o->from && (apc_number_parse(o->from, &from) < 0 || from < 0))
-        return apc_fail(why, APC_EINVAL, "--from \"%s\": must be s since the start of the run, 0 or more",
-                        o->from);
-    if (o->to && (apc_number_parse(o->to, &to) < 0 || to < 0))
-        return apc_fail(why, APC_EINVAL, "--to \"%s\": must be s since the start of the run, 0 or more",
-                        o->to);
-    int rc = experiment_load(&e, cli->args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, why);
+    double from, to;
+    int status = cli_seconds(cli, "from", o->from, &from);
+    if (status == EXIT_OK)
+        status = cli_seconds(cli, "to", o->to, &to);
+    if (status != EXIT_OK)
+        return status;
+    int rc = experiment_load(&e, cli->args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     if (rc == 0)
-        rc = window_of_run(m, &e, cli->args[0], from, to, &o->horizon, why);
+        rc = window_of_run(m, &e, cli->args[0], from, to, &o->horizon, &why);
     experiment_free(&e);
-    return rc;
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
 static int monitor_store(const struct cli *cli, const struct monitor_options *o, struct kpis *m)
@@ -183,21 +182,14 @@ int command_monitor(int argc, char **argv)
 {
     struct monitor_options options = {0};
     struct kpis kpis = {0};
-    struct apc_error why;
     struct cli cli;
-    int status = EXIT_OK;
 
     cli_parse(&cli, &spec, &options, argc, argv);
     if (cli.n_args == 0 && !cli.store)
         return cli_usage(&cli, "expected a run folder, or --store");
     if (cli.n_args > 0 && cli.store_given)
         return cli_usage(&cli, "a run folder or --store: which of the two?");
-    if (cli.n_args == 0) {
-        status = monitor_store(&cli, &options, &kpis);
-    } else {
-        const int rc = monitor_run(&cli, &options, &kpis, &why);
-        status = rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
-    }
+    int status = cli.n_args == 0 ? monitor_store(&cli, &options, &kpis) : monitor_run(&cli, &options, &kpis);
     if (status == EXIT_OK && kpis.loop) {
         qsort(kpis.loop, kpis.n_loops, sizeof *kpis.loop, by_health);
         if (options.json)

@@ -100,15 +100,6 @@ static int recover(const struct cli *cli, const struct experiment *e, FILE *talk
     return rc;
 }
 
-/* Seconds since the start of a run; NAN: not given. */
-static int take_seconds(const struct cli *cli, const char *name, const char *text, double *t)
-{
-    *t = (double)NAN;
-    if (!text || (apc_number_parse(text, t) == 0 && *t >= 0))
-        return EXIT_OK;
-    return cli_usage(cli, "--%s \"%s\": must be s since the start of the run, 0 or more", name, text);
-}
-
 static int put_kpis(const struct kpis *m, const struct experiment *e, apc_ns start, bool json)
 {
     struct text t = {.out = stdout};
@@ -128,9 +119,9 @@ static int report_window(const struct cli *cli, const struct report_options *o, 
     struct kpis kpis = {0};
     struct apc_error why;
     double from, to;
-    int status = take_seconds(cli, "from", o->from, &from);
+    int status = cli_seconds(cli, "from", o->from, &from);
     if (status == EXIT_OK)
-        status = take_seconds(cli, "to", o->to, &to);
+        status = cli_seconds(cli, "to", o->to, &to);
     if (status != EXIT_OK)
         return status;
     int rc = window_of_run(&kpis, e, cli->args[0], from, to, NULL, &why);
@@ -185,7 +176,7 @@ static int report_prediction_of_run(const struct cli *cli, const struct report_o
     struct prediction prediction = {0};
     struct apc_error why;
     double at;
-    const int status = take_seconds(cli, "at", o->at, &at);
+    const int status = cli_seconds(cli, "at", o->at, &at);
     if (status != EXIT_OK)
         return status;
     int rc = window_prediction_of_run(&prediction, e, cli->args[0], at, &why);

@@ -170,7 +170,7 @@ static void judge(struct health *h, enum trouble trouble, int seed, struct plant
 static void a_valve_that_is_well_is_hardly_ever_blamed(void **state)
 {
     const char *const asked = getenv("APC_TEST_LOOPS");
-    const int each = asked ? atoi(asked) : 6;
+    const int each = asked ? (int)strtol(asked, NULL, 10) : 6;
     int seen[TROUBLES][HEALTH_GOOD + 1] = {0}, wrong = 0, well = 0;
 
     (void)state;
