@@ -308,6 +308,7 @@ static void a_move_begins_where_something_goes_out(void **state)
     explain("u", 0, 50);
     assert_ptr_equal(answer.before, &c->ticks.at[3]);
     assert_whole();
+    why_free(&answer);
     assert_int_equal(why_find(&answer, &replay, "u", replay.start, c->ticks.at[2].time, &why), APC_ENOTFOUND);
     assert_has(why.text, "u: nothing went out yet");
 }
