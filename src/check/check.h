@@ -122,6 +122,17 @@ void check_words(const struct expectation *x, const struct check_verdict *v,
  */
 double check_share_least(unsigned held, unsigned n);
 
+/* The output that answers for what failed, and its move until then. */
+struct check_move {
+    char loop[APC_TAG_LEN];
+    apc_ns at, over; /* at: since t = 0 */
+};
+
+struct scenario;
+/* Of expectation @p i, of which @p v says that it failed. Returns 1; 0: no loop answers for it; or APC_ENOMEM. */
+int check_find_move(struct check_move *move, const struct scenario *scenario, size_t i,
+                    const struct check_verdict *v);
+
 /* ---- Scenarios ------------------------------------------------------------------------------ */
 
 /* What happens once a condition becomes true. */
@@ -163,5 +174,10 @@ struct check_end {
  * error of a run that could not begin. */
 int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_verdict *verdict,
                  struct check_end *end);
+/* The same run once more, all of which its store keeps until @p look returns. Returns what that does, or as
+ * scenario_run() with a text in @p why. */
+struct simulation;
+int scenario_rerun(const struct scenario *scenario, uint64_t seed,
+                   int (*look)(void *ctx, const struct simulation *s), void *ctx, struct apc_error *why);
 
 #endif

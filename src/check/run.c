@@ -105,22 +105,31 @@ static int judge_scenario(const struct scenario *of, struct simulation *s, struc
     return rc;
 }
 
+/* Not begun yet; of both the memory is the caller's to free, also after an error. */
+static int begin_scenario(const struct scenario *of, uint64_t seed, struct run_triggers *t,
+                          struct simulation *s, struct apc_error *why)
+{
+    *s = (struct simulation){.rc = 0};
+    int rc = triggers_make(t, of, s);
+    rc = rc < 0 ? apc_fail(why, rc, "out of memory") : simulation_create(s, &t->e, seed, why);
+    if (rc == 0 && of->n_triggers > 0) {
+        s->watch = triggers_look;
+        s->watch_ctx = t;
+    }
+    return rc;
+}
+
 int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_verdict *verdict,
                  struct check_end *end)
 {
-    struct simulation s = {.rc = 0};
+    struct simulation s;
     struct run_triggers t;
     struct apc_error why = {""};
     const size_t n = scenario->sources.n;
     struct run_courses c = {.sources = &scenario->sources, .course = calloc(n + 1, sizeof *c.course)};
     *end = (struct check_end){.rc = 0};
-    int rc = triggers_make(&t, scenario, &s);
-    if (rc == 0 && (rc = simulation_create(&s, &t.e, seed, &why)) < 0)
-        snprintf(end->why, sizeof end->why, "%.199s", why.text);
-    if (rc == 0 && scenario->n_triggers > 0) {
-        s.watch = triggers_look;
-        s.watch_ctx = &t;
-    }
+    int rc = begin_scenario(scenario, seed, &t, &s, &why);
+    snprintf(end->why, sizeof end->why, "%.199s", why.text);
     if (rc == 0)
         rc = c.course ? judge_scenario(scenario, &s, &c, verdict, end) : APC_ENOMEM;
     if (rc == 0)
@@ -130,5 +139,20 @@ int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_ve
     for (size_t i = 0; c.course && i < n; i++)
         free(c.course[i].at);
     free(c.course);
+    return rc;
+}
+
+int scenario_rerun(const struct scenario *scenario, uint64_t seed,
+                   int (*look)(void *ctx, const struct simulation *s), void *ctx, struct apc_error *why)
+{
+    struct simulation s;
+    struct run_triggers t;
+    int rc = begin_scenario(scenario, seed, &t, &s, why);
+    if (rc == 0) {
+        (void)simulation_run(&s, scenario->e.duration); /* one that ended early is looked at as well */
+        rc = look(ctx, &s);
+    }
+    simulation_destroy(&s);
+    free(t.memory);
     return rc;
 }

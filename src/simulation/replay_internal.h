@@ -24,8 +24,6 @@ bool replay_is_made(const struct apc_controller *c, const double *row);
 void replay_tell_difference(const struct replay *r, const struct replay_controller *rc,
                             const struct tick_row *at, const double *row, const struct apc_sample *missing,
                             char text[REPLAY_TEXT]);
-/* A time of the record, for people. */
-const char *replay_time(const struct replay *r, apc_ns time, char text[APC_TIME_LEN]);
 /* Samples by variable and number, for qsort(). */
 int replay_order_samples(const void *left, const void *right);
 /* The row of @p seq of a variable; NULL: it is not on record. */

@@ -152,7 +152,11 @@ static int parse_catalogue(struct replay *r, struct apc_store *store, bool built
 /* The one that was in force then. */
 static int load_catalogue(struct replay *r, const struct replay_part *part, struct apc_error *why)
 {
+    const struct experiment *e = part->simulated;
     struct apc_store *past = NULL;
+    if (e)
+        return experiment_parse(&r->e, &(struct experiment_source){.file = e->file, .text = e->text},
+                                EXPERIMENT_LAW, NULL, why);
     if (part->until > apc_clock_utc(NULL))
         return parse_catalogue(r, part->store, part->built_in, why);
     int rc = apc_store_past(&past, part->store, part->until, why);
@@ -211,7 +215,7 @@ static apc_ns part_start(const struct controller *of, const struct ticks *ticks)
 
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why)
 {
-    *r = (struct replay){.of_store = true};
+    *r = (struct replay){.of_store = !part->simulated};
     int rc = load_catalogue(r, part, why);
     if (rc == 0)
         rc = make_replay(r, why);
@@ -224,7 +228,7 @@ int replay_load_part(struct replay *r, const struct replay_part *part, struct ap
     if (moved)
         rc = load_moved_ticks(r, part, moved);
     if (moved && moved->ticks.n > 0 && rc == 0) {
-        r->start = part_start(moved->of, &moved->ticks);
+        r->start = part->simulated ? SIMULATION_BEGIN : part_start(moved->of, &moved->ticks);
         rc = load_named(r, part->store, moved);
     }
     return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(part->store))

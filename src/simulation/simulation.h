@@ -208,7 +208,7 @@ struct replay {
     struct apc_sample lost; /* the last plan that is not on record */
     apc_ns start;           /* t = 0 in the record */
     bool other_law;
-    bool of_store;  /* a part of its record, for why_find(): its texts say UTC */
+    bool of_store;  /* a part of its record, in real time, for why_find(): its texts say UTC */
     apc_ns give_up; /* why_find() has no answer when the monotonic clock is past it; 0: it takes its time */
     bool more;      /* and there may be older ticks than those that were taken */
     char other_build[150]; /* what made the run, where it was not this one; "": it was, or nobody knows */
@@ -227,10 +227,13 @@ struct replay_part {
     apc_ns over, until; /* until: INT64_MAX: the newest */
     size_t lead;
     bool built_in; /* a law or plant of the user's own is refused, before any of it is loaded */
+    const struct experiment *simulated; /* whose simulation's store it is; NULL: of a run in real time */
 };
-/* The same of that part, for why_find(), with the experiment as the store's catalogue has it,
+/* The same of that part, for why_find(), with the experiment that was simulated, or as the store's catalogue has it,
  * and had it then where it keeps former ones. */
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why);
+/* A time of the record, for people. */
+const char *replay_time(const struct replay *r, apc_ns time, char text[APC_TIME_LEN]);
 /* Once. Returns 0 or why it ended, with a text in r->why. */
 int replay_run(struct replay *r, const struct replay_watch *watch);
 /*
@@ -312,6 +315,8 @@ struct why_question {
     struct replay *replay;   /* of a run folder its record; of a store room for it, zeroed at first */
     const char *dir;         /* of a run folder */
     struct apc_store *store; /* or NULL */
+    const struct experiment
+        *simulated; /* whose simulation's store it is: times are since its start; or NULL */
     const char *loop;
     apc_ns at, over; /* at: INT64_MAX: the last tick; over: 0: one tick */
     bool built_in;   /* of a store: laws and plants of the user's own are not loaded, but refused */

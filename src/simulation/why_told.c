@@ -133,7 +133,8 @@ int why_ask(struct why *w, const struct why_question *q, struct apc_error *why)
                                .over = q->over,
                                .until = q->at,
                                .lead = LEAD,
-                               .built_in = q->built_in};
+                               .built_in = q->built_in,
+                               .simulated = q->simulated};
     const apc_ns from = q->over > 0 ? q->at - q->over : q->at;
     int rc = APC_ESTATE;
     *w = (struct why){0};
@@ -174,7 +175,7 @@ struct why_question why_question_above(const struct why_question *q, const struc
 
 static double when_number(const struct why_question *q, apc_ns time)
 {
-    return apc_ns_to_s(q->store ? time : time - q->replay->start);
+    return apc_ns_to_s(q->replay->of_store ? time : time - q->replay->start);
 }
 
 static int cause_json(const struct why_question *q, const struct why *w, const struct why_cause *cause,

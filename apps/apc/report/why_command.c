@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc why: what moved an output, of a recorded run or of one whose record is in a store. */
-#include "simulation/simulation.h"
+#include "print_why.h"
 
 #include <math.h>
 #include <string.h>
@@ -73,15 +73,6 @@ static bool has_effect(const struct why *w, double effect)
     return fabs(effect) > 1e-12 * (fabs(w->u) + fabs(w->u_before));
 }
 
-/* UTC or, of a folder, since the start of its run. */
-static const char *when_text(const struct why_question *q, apc_ns time, char text[APC_TIME_LEN])
-{
-    if (q->store)
-        return apc_time_format(time, text);
-    snprintf(text, APC_TIME_LEN, "%.3f s", apc_ns_to_s(time - q->replay->start));
-    return text;
-}
-
 static void print_effect(struct print_table *table, const struct why *w, double effect)
 {
     const double move = w->u - w->u_before;
@@ -92,7 +83,7 @@ static void print_effect(struct print_table *table, const struct why *w, double 
         print_cell(table, PRINT_PLAIN, "%s", "");
 }
 
-static int print_causes(const struct why *w)
+static int print_causes(const struct why *w, FILE *out)
 {
     static const struct print_column columns[] = {{"input", PRINT_LEFT},   {"", PRINT_LEFT},
                                                   {"before", PRINT_RIGHT}, {"now", PRINT_RIGHT},
@@ -125,23 +116,23 @@ static int print_causes(const struct why *w)
         print_cell(&table, PRINT_PLAIN, "%s", "");
         print_effect(&table, w, rest[i].effect);
     }
-    return print_table_end(&table, stdout, cli_colour(), 0);
+    return print_table_end(&table, out, out == stdout && cli_colour(), 0);
 }
 
 /* Inputs that changed and moved nothing stand at the end. */
-static void print_idle(const struct why *w)
+static void print_idle(const struct why *w, FILE *out)
 {
     const char *before = "no effect: ";
     for (size_t i = 0; i < w->n; i++) {
         if (has_effect(w, w->cause[i].effect))
             continue;
-        fputs(before, stdout);
-        print_clean(stdout, why_cause_name(w, &w->cause[i]));
-        printf(" (%s)", why_kind_name(w->cause[i].kind));
+        fputs(before, out);
+        print_clean(out, why_cause_name(w, &w->cause[i]));
+        fprintf(out, " (%s)", why_kind_name(w->cause[i].kind));
         before = ", ";
     }
     if (*before == ',')
-        putchar('\n');
+        putc('\n', out);
 }
 
 static const char *direction(unsigned limited)
@@ -151,16 +142,16 @@ static const char *direction(unsigned limited)
                                                            : "downwards";
 }
 
-static void print_move_limit(const struct why *w)
+static void print_move_limit(const struct why *w, FILE *out)
 {
     if (w->u >= w->high)
-        printf("  at its high limit, %.6g\n", w->high);
+        fprintf(out, "  at its high limit, %.6g\n", w->high);
     else if (w->u <= w->low)
-        printf("  at its low limit, %.6g\n", w->low);
+        fprintf(out, "  at its low limit, %.6g\n", w->low);
     else if (w->limited)
-        printf("  a limit of the law or of the rate holds it back %s\n", direction(w->limited));
+        fprintf(out, "  a limit of the law or of the rate holds it back %s\n", direction(w->limited));
     if (w->blocked)
-        printf("  the loop below cannot follow %s\n", direction(w->blocked));
+        fprintf(out, "  the loop below cannot follow %s\n", direction(w->blocked));
 }
 
 static const char *term_text(double value, char text[PRINT_LEN])
@@ -170,7 +161,7 @@ static const char *term_text(double value, char text[PRINT_LEN])
 }
 
 /* Before and now, of those that are not 0 all the time: "  law: P 0.2 -> 0.6, I 1.5 -> 1.5". */
-static void print_terms(const struct why *w)
+static void print_terms(const struct why *w, FILE *out)
 {
     char before[PRINT_LEN], now[PRINT_LEN];
     const char *between = "  law:";
@@ -178,65 +169,65 @@ static void print_terms(const struct why *w)
         const struct why_term *term = &w->term[i];
         if (term->before == 0 && term->now == 0)
             continue;
-        printf("%s %s %s -> %s", between, term->name, term_text(term->before, before),
-               term_text(term->now, now));
+        fprintf(out, "%s %s %s -> %s", between, term->name, term_text(term->before, before),
+                term_text(term->now, now));
         between = ",";
     }
     if (*between == ',')
-        putchar('\n');
+        putc('\n', out);
 }
 
-static int print_why(const struct why_question *q, const struct why *w, struct apc_error *why)
+static int put_why(const struct why_question *q, const struct why *w, FILE *out, struct apc_error *why)
 {
     char before[PRINT_LEN], now[PRINT_LEN], time[APC_TIME_LEN];
     const char *unit = w->output ? w->output->unit : "";
-    print_clean(stdout, w->loop);
-    printf(": %s -> %s%s%s, tick at %s of %s", print_exact(w->u_before, before), print_exact(w->u, now),
-           *unit ? " " : "", unit, when_text(q, w->tick->time, time), w->by->of->name);
+    print_clean(out, w->loop);
+    fprintf(out, ": %s -> %s%s%s, tick at %s of %s", print_exact(w->u_before, before), print_exact(w->u, now),
+            *unit ? " " : "", unit, replay_time(q->replay, w->tick->time, time), w->by->of->name);
     if (w->state_before != w->state)
-        printf(", %s -> %s", why_state_name(w->state_before), why_state_name(w->state));
+        fprintf(out, ", %s -> %s", why_state_name(w->state_before), why_state_name(w->state));
     else
-        printf(", %s", why_state_name(w->state));
-    fputs(w->reason[0] ? ": " : "", stdout);
-    print_clean(stdout, w->reason);
-    putchar('\n');
-    print_terms(w);
-    print_move_limit(w);
-    int rc = print_causes(w);
-    print_idle(w);
+        fprintf(out, ", %s", why_state_name(w->state));
+    fputs(w->reason[0] ? ": " : "", out);
+    print_clean(out, w->reason);
+    putc('\n', out);
+    print_terms(w, out);
+    print_move_limit(w, out);
+    int rc = print_causes(w, out);
+    print_idle(w, out);
     for (size_t i = 0; i < w->n && rc >= 0; i++) {
         struct why_author author;
         rc = why_find_author(q, &w->cause[i], &author, why);
         if (author.source[0]) {
-            printf("%s  ", when_text(q, w->cause[i].row->time, time));
-            print_clean(stdout, author.source);
-            fputs(author.text[0] ? ": " : "", stdout);
-            print_clean(stdout, author.text);
-            putchar('\n');
+            fprintf(out, "%s  ", replay_time(q->replay, w->cause[i].row->time, time));
+            print_clean(out, author.source);
+            fputs(author.text[0] ? ": " : "", out);
+            print_clean(out, author.text);
+            putc('\n', out);
         }
     }
     return rc < 0 ? rc : 0;
 }
 
-/* ---- The command ----------------------------------------------------------------------------- */
-
-static int print_move(const struct why_question *q, struct apc_error *why)
+int print_why(const struct why_question *q, FILE *out, struct apc_error *why)
 {
     char loop[APC_TAG_LEN];
     struct why w;
     int rc = why_ask(&w, q, why);
     if (rc == 0)
-        rc = print_why(q, &w, why);
+        rc = put_why(q, &w, out, why);
     const struct why_cause *moved = rc == 0 ? why_moved_above(&w, q) : NULL;
     if (moved) {
         const struct why_question above = why_question_above(q, moved, loop);
-        putchar('\n');
-        if (print_move(&above, why) < 0)
-            printf("%s: %s\n", loop, why->text);
+        putc('\n', out);
+        if (print_why(&above, out, why) < 0)
+            fprintf(out, "%s: %s\n", loop, why->text);
     }
     why_free(&w);
     return rc;
 }
+
+/* ---- The command ----------------------------------------------------------------------------- */
 
 /* Returns an exit code. */
 static int explain_move(struct why_command *c)
@@ -247,7 +238,8 @@ static int explain_move(struct why_command *c)
     c->question.replay = &c->replay;
     (void)apc_ns_from_s(c->options.over, &c->question.over);
     json_add(&json, "{");
-    int rc = c->cli.format == CLI_JSON ? why_json(&c->question, &json, &why) : print_move(&c->question, &why);
+    int rc = c->cli.format == CLI_JSON ? why_json(&c->question, &json, &why)
+                                       : print_why(&c->question, stdout, &why);
     json_add(&json, "}");
     if (json.failed)
         rc = apc_fail(&why, APC_ENOMEM, "out of memory");

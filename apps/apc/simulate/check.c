@@ -181,15 +181,20 @@ int command_check(int argc, char **argv)
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
     int code = load_scenarios(&c);
     if (code == EXIT_OK) {
-        const int rc = run_scenarios(&c, &why);
+        int rc = run_scenarios(&c, &why);
         if (rc < 0)
             code = cli_error(&c.cli, rc, "%s", why.text);
+        for (size_t i = 0; i < c.n && code == EXIT_OK && c.pool; i++)
+            if ((rc = checked_why(&c.of[i], &why)) < 0)
+                code = cli_error(&c.cli, rc, "%s", why.text);
         if (c.pool && (any_broken(&c) || checked_print(c.of, c.n, c.options.format) > 0))
             code = EXIT_ERROR;
     }
     worker_pool_destroy(c.pool, c.size);
-    for (size_t i = 0; i < c.n; i++)
+    for (size_t i = 0; i < c.n; i++) {
+        checked_why_free(&c.of[i]);
         scenario_free(&c.of[i].scenario);
+    }
     free(c.of);
     return cli_done(&c.cli, code);
 }

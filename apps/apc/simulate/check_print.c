@@ -76,6 +76,11 @@ void checked_near(const struct checked *c, const struct check_outcome *o, size_t
                              v->near[i].known ? "" : " (Bad)", apc_ns_to_s(v->near[i].t));
 }
 
+static const char *checked_reason(const struct checked *c, size_t expectation)
+{
+    return c->why && c->why[expectation] ? c->why[expectation] : "";
+}
+
 /* ---- For people ----------------------------------------------------------------------------- */
 
 static void print_scenario(const struct checked *c)
@@ -89,6 +94,15 @@ static void print_scenario(const struct checked *c)
                (unsigned long long)of->seed, (unsigned long long)of->seed + of->runs - 1);
     else
         printf("; %.10g s, seed %llu\n", of->e.duration, (unsigned long long)of->seed);
+}
+
+/* Line by line below what it is of. */
+static void print_reason(const char *why)
+{
+    for (size_t n = 0; *why; why += n + (why[n] == '\n')) {
+        n = strcspn(why, "\n");
+        printf("%*s%.*s\n", n > 0 ? 12 : 0, "", (int)n, why);
+    }
 }
 
 static void print_check_line(const struct checked *c, size_t i, const struct check_outcome *o)
@@ -105,6 +119,7 @@ static void print_check_line(const struct checked *c, size_t i, const struct che
         print_clean(stdout, near);
         putchar('\n');
     }
+    print_reason(checked_reason(c, i));
 }
 
 /* ---- TAP ------------------------------------------------------------------------------------ */
@@ -112,7 +127,7 @@ static void print_check_line(const struct checked *c, size_t i, const struct che
 /* A # would begin a directive, a \ escapes. */
 static void put_tap_text(const char *text)
 {
-    char clean[600];
+    char clean[600] = ""; /* of an empty text nothing is written */
     FILE *out = fmemopen(clean, sizeof clean, "w");
     if (!out)
         return;
@@ -147,21 +162,16 @@ static void print_tap(const struct checked *c, size_t i, const struct check_outc
     checked_near(c, o, i, near, sizeof near);
     if (!o->held && *near)
         put_yaml_text("near", near);
+    if (*checked_reason(c, i))
+        put_yaml_text("why", checked_reason(c, i));
     puts("  ...");
 }
 
 /* ---- JUnit ---------------------------------------------------------------------------------- */
 
-static void put_xml_text(const char *text)
+static void put_xml(const char *text)
 {
-    char clean[600];
-    FILE *out = fmemopen(clean, sizeof clean, "w");
-    if (!out)
-        return;
-    print_clean(out, text);
-    fclose(out);
-    clean[sizeof clean - 1] = '\0';
-    for (const char *at = clean; *at; at++)
+    for (const char *at = text; *at; at++)
         if (*at == '&')
             fputs("&amp;", stdout);
         else if (*at == '<')
@@ -172,6 +182,18 @@ static void put_xml_text(const char *text)
             fputs("&quot;", stdout);
         else
             putchar(*at);
+}
+
+static void put_xml_text(const char *text)
+{
+    char clean[600] = ""; /* of an empty text nothing is written */
+    FILE *out = fmemopen(clean, sizeof clean, "w");
+    if (!out)
+        return;
+    print_clean(out, text);
+    fclose(out);
+    clean[sizeof clean - 1] = '\0';
+    put_xml(clean);
 }
 
 static void print_junit_case(const struct checked *c, size_t i, const struct check_outcome *o)
@@ -188,6 +210,8 @@ static void print_junit_case(const struct checked *c, size_t i, const struct che
     if (!o->held) {
         fputs("\">", stdout);
         put_xml_text(near);
+        fputs(*near && *checked_reason(c, i) ? "\n" : "", stdout);
+        put_xml(checked_reason(c, i));
     }
     printf("</%s>\n    </testcase>\n", o->held ? "system-out" : "failure");
 }

@@ -19,6 +19,7 @@ struct checked {
     struct scenario scenario;
     char *trials;
     size_t stride; /* bytes: from one to the next */
+    char **why; /* [n_expect] where one failed, why the output moved that answers for it; NULL: not known */
 };
 
 /* Of one expectation over all runs. */
@@ -38,6 +39,10 @@ struct check_outcome checked_outcome(const struct checked *c, size_t expectation
 /* What was around a failure, in one line; "": nothing is known. */
 void checked_near(const struct checked *c, const struct check_outcome *o, size_t expectation, char *text,
                   size_t size);
+/* Into @p c->why, to be freed by checked_why_free(): each run that is told of is made once more. Returns 0 or a
+ * negative error: what cannot be explained is none. */
+int checked_why(struct checked *c, struct apc_error *why);
+void checked_why_free(struct checked *c);
 /* All of them, to stdout. Returns how many did not hold. */
 size_t checked_print(const struct checked *c, size_t n, enum check_format format);
 

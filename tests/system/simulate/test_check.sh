@@ -28,6 +28,23 @@ expect 1 'failed  never plant y > 21: plant y = 21\.[0-9]+ at 15[0-9.]+ s' "$apc
 expect 1 'u at fault value by 70 s: cannot be judged: the run ended at [0-9.]+ s: the plant diverged' "$apc" check $lost --set plant.integrator=rk4 --set plant.steps=1 --set plant.parameters.tau=0.01
 expect 1 'in [0-9]+ of 20 runs; seed 1: ' "$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01
 
+# What failed is explained as apc why does, of the run that failed.
+echo 'experiment = "../two-layers.conf"; expect = ( "mode v1 is Cas at 710 s", "never y1 > 0" );' >$scenarios/left.scenario
+"$apc" check $scenarios/left.scenario >why.txt && fail "it held"
+"$apc" simulate experiments/two-layers.conf --report layers >/dev/null 2>&1
+"$apc" why layers v1@703 | head -n 1 >asked.txt
+grep -qF "$(cat asked.txt)" why.txt || fail "another answer than apc why's, $(cat asked.txt): $(cat why.txt)"
+grep -q '^            r1  *setpoint  .* 6\.5 ' why.txt || fail "r1 is not blamed: $(cat why.txt)"
+[ "$(grep -c 'tick at' why.txt)" -eq 1 ] || fail "what failed before the first tick is explained: $(cat why.txt)"
+"$apc" check --format tap $scenarios/left.scenario >why.tap && fail "it held"
+grep -q '^  why: "v1: .* Cas -> Auto' why.tap || fail "TAP says nothing of why: $(cat why.tap)"
+"$apc" check --format junit $scenarios/left.scenario >why.xml && fail "it held"
+grep -q '<failure message="mode v1 is Auto at 710 s">v1: .* Cas -&gt; Auto' why.xml ||
+  fail "JUnit says nothing of why, or something else before: $(cat why.xml)"
+# Of a scenario of many runs the first that failed is explained.
+"$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01 >many.txt && fail "it held"
+grep -q '^            v1: .* tick at' many.txt || fail "no answer: $(cat many.txt)"
+
 deep=$(printf 'd%.0s' {1..250})
 mkdir -p "$deep/$deep"
 cp $lost "$deep/$deep/far.scenario"
@@ -52,6 +69,7 @@ for case, (is_, name, said) in zip(suite, text, strict=True):
     failure = case.find("failure")
     assert case.get("name") == name and (failure is not None) == (is_ == "failed"), name
     assert (failure.get("message") if failure is not None else case.find("system-out").text) == said, name
+    assert failure is None or failure.text.startswith("plant y: "), failure.text
 lines = open("tap.txt").read().splitlines()
 assert lines[:2] == ["TAP version 13", f"1..{len(text)}"], lines
 results = [line for line in lines if re.match(r"(not )?ok ", line)]

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "check/check.h"
+#include "simulation/simulation.h"
 
 #define S APC_NS_PER_S
 
@@ -389,6 +390,63 @@ static void a_run_is_judged(void **state)
     assert_becomes(text, is, 7);
 }
 
+/* ---- Why -------------------------------------------------------------------------------------- */
+
+static int ask_why_it_failed(void *ctx, const struct simulation *s)
+{
+    const struct check_move *move = ctx;
+    struct replay replay = {.controller = NULL};
+    const struct why_question question = {.replay = &replay,
+                                          .store = s->store,
+                                          .simulated = s->e,
+                                          .loop = move->loop,
+                                          .at = SIMULATION_BEGIN + move->at,
+                                          .over = move->over};
+    struct apc_error why;
+    struct why answer;
+    char time[APC_TIME_LEN];
+    if (why_ask(&answer, &question, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_string_equal(replay_time(&replay, answer.tick->time, time), "60.030 s");
+    assert_true(answer.n > 0 && answer.cause[0].kind == WHY_SETPOINT);
+    assert_near(answer.cause[0].before, 10, 0);
+    assert_near(answer.cause[0].now, 14, 0);
+    why_free(&answer);
+    replay_free(&replay);
+    return 7;
+}
+
+/* Promise(simulation/check-why): Of an expectation that failed `apc check` says as `apc why` why the output moved that
+ *   answers for it: of a measurement or its alarm that of its loop, of a mode the move when it changed. */
+static void what_failed_is_answered_for_by_an_output(void **state)
+{
+    static const char text[] =
+        FIRST_ORDER "duration = 100.0; actions = ( { at = 59.5; set = \"r\"; value = 14.0; }, "
+                    "{ at = 80.1; mode = \"u\"; value = \"Man\"; } );\n"
+                    "expect = ( \"never u > 1.5 from 50 s\", \"never plant y > 10.5\", \"mode u is Auto\", "
+                    "\"never r > 13\", "
+                    "\"never y < -100\" );";
+    struct scenario scenario;
+    struct check_verdict verdict[5];
+    struct check_end ended;
+    struct apc_error why;
+    struct check_move move;
+    (void)state;
+    if (load_text(&scenario, text, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(scenario_run(&scenario, 1, verdict, &ended), 0);
+    for (size_t i = 0; i < 5; i++)
+        assert_int_equal(check_find_move(&move, &scenario, i, &verdict[i]), i < 3);
+    assert_int_equal(check_find_move(&move, &scenario, 1, &verdict[1]), 1);
+    assert_string_equal(move.loop, "u");
+    assert_true(move.at == verdict[1].at && move.over > 0);
+    assert_int_equal(check_find_move(&move, &scenario, 2, &verdict[2]), 1);
+    assert_true(move.at > 80 * S && move.at < 84 * S && move.over == 0);
+    assert_int_equal(check_find_move(&move, &scenario, 0, &verdict[0]), 1);
+    assert_int_equal(scenario_rerun(&scenario, 1, ask_why_it_failed, &move, &why), 7);
+    scenario_free(&scenario);
+}
+
 /* ---- The operator ---------------------------------------------------------------------------- */
 
 #define PUMP "experiment = \"" APC_SOURCE_DIR "/experiments/alarms/pump-failure.conf\"; duration = 600.0;\n"
@@ -501,6 +559,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_can_never_be_judged_is_refused, begin, end),
         cmocka_unit_test(a_mistake_has_the_line_of_the_scenario),
         cmocka_unit_test(a_run_is_judged),
+        cmocka_unit_test(what_failed_is_answered_for_by_an_output),
         cmocka_unit_test(a_scripted_operator_acknowledges_an_alarm_that_stands),
         cmocka_unit_test(an_operator_is_as_quick_as_the_scenario_says),
         cmocka_unit_test(what_has_a_condition_happens_as_at_that_time),
