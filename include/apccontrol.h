@@ -284,12 +284,18 @@ APC_API struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law,
 APC_API int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, const double *tuning,
                         struct apc_error *why);
 
-/** A term of a law's output, as its name says: "u_bar", "P", "I", "D", "feed-forward". */
+/**
+ * What a law's output comes from; NAN is not known. Of `pi` and `pid` it is the sum of "u_bar", "P", "I", "D" and
+ * "feed-forward". `mpc` tells of each signal the "low limit", "high limit", "falling rate" and "rising
+ * rate": by how much the plan would cost less for each unit that it gave way, of a rate each 1/s. A "disturbance"
+ * is as it is estimated. "plan change", of the output, is the greatest from the former plan. "rank given up" is 0
+ * or that of measurements whose limits are broken.
+ */
 struct apc_law_term {
     const char *name; /**< static */
+    const char *of;   /**< the signal, as long as its controller lives; NULL: the output itself */
     double value;
 };
-#define APC_LAW_TERMS 5
 
 /** Called for each variable that a law publishes; @p output: of which, 0 where the law is whole. */
 typedef void (*apc_published_fn)(void *ctx, size_t output, const struct apc_published *published);

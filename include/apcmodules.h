@@ -556,9 +556,11 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
 /** The other notices of that tick, one loop's at each call; false: that is all. The first, and most severe,
  * is the @p notice of apc_controller_compute(), where that was asked for one. [tick] */
 APC_API bool apc_controller_noticed(struct apc_controller *controller, struct apc_notice *notice);
-/** What the law's answer at that tick is the sum of, for output @p i, from 0: @p term [APC_LAW_TERMS]. Limits come
- * behind it. Returns how many; 0: the output is not the law's, or the law tells of none (`pi`, `pid` do). [any] */
-APC_API size_t apc_controller_terms(struct apc_controller *controller, size_t i, struct apc_law_term *term);
+/** What the law's answer at that tick comes from, for output @p i, from 0, before limits: the first @p most into
+ * @p term. Returns how many there are; 0: the output is not the law's, or the law tells of none (`pi`, `pid`,
+ * `mpc`, `nmpc` do). [any] */
+APC_API size_t apc_controller_terms(struct apc_controller *controller, size_t i, struct apc_law_term *term,
+                                    size_t most);
 /**
  * The outcome of apc_controller_out(): 1 the rows are stored, and the law's state goes on; 0 they are
  * certainly not; -1 unknown, because the answer was lost. In that case the next apc_controller_compute() that

@@ -84,14 +84,16 @@ void apc_instances_update(struct apc_instances *instances, size_t k,
 void apc_instances_track(struct apc_instances *instances, size_t k,
                          const struct apc_law_call *call); /**< [tick] */
 
-/** The terms of its u, after apc_instances_compute(): @p term [APC_LAW_TERMS]. Returns how many. [any] */
-size_t apc_instances_terms(struct apc_instances *instances, size_t k, const struct apc_law_call *call,
-                           struct apc_law_term *term);
+/** The terms of output @p i, after apc_instances_compute(): as apc_controller_terms(). [any] */
+size_t apc_instances_terms(struct apc_instances *instances, size_t i, const struct apc_law_call *call,
+                           struct apc_law_term *term, size_t most);
 
 /* ---- For laws -------------------------------------------------------------------------------- */
 
-size_t apc_pi_terms(const struct apc_law_call *c, struct apc_law_term *term);
-size_t apc_pid_terms(const struct apc_law_call *c, struct apc_law_term *term);
+size_t apc_pi_terms(const struct apc_law_call *c, struct apc_law_term *term, size_t most);
+size_t apc_pid_terms(const struct apc_law_call *c, struct apc_law_term *term, size_t most);
+/** Of `mpc` and `nmpc`, for output @p i. */
+size_t apc_mpc_terms(const struct apc_law_call *c, size_t i, struct apc_law_term *term, size_t most);
 
 /** Check a law from outside; @p from, its path or name, begins the error's text. Returns 0 or APC_EINVAL. */
 int apc_law_check(const struct apc_law *law, const char *from, struct apc_error *why);

@@ -483,12 +483,16 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
     return APC_LAW_FAILED;
 }
 
-size_t apc_instances_terms(struct apc_instances *s, size_t k, const struct apc_law_call *call,
-                           struct apc_law_term *term)
+size_t apc_instances_terms(struct apc_instances *s, size_t i, const struct apc_law_call *call,
+                           struct apc_law_term *term, size_t most)
 {
-    return s->law == &apc_law_pi    ? apc_pi_terms(instance_call(s, k, call), term)
-           : s->law == &apc_law_pid ? apc_pid_terms(instance_call(s, k, call), term)
-                                    : 0;
+    const struct apc_law_call *c = instance_call(s, s->law->whole ? 0 : i, call);
+
+    if (s->law == &apc_law_pi)
+        return apc_pi_terms(c, term, most);
+    if (s->law == &apc_law_pid)
+        return apc_pid_terms(c, term, most);
+    return s->law == &apc_law_mpc || s->law == &apc_law_nmpc ? apc_mpc_terms(c, i, term, most) : 0;
 }
 
 void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_law_call *call)

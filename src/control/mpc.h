@@ -17,7 +17,7 @@ enum { WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE, N_OF_Y };
 #define NO_LIMIT 1e9 /* of a tuning: from here on there is none */
 
 struct apc_law_mpc_name {
-    char name[64], unit[64];
+    char name[64], unit[64], of[64]; /* of: the signal that it is of */
 };
 
 /*
@@ -77,6 +77,7 @@ struct apc_law_mpc {
     double *input;        /* [nu + nd] */
     double *past;         /* [(late_most + 1) * nu] what acts before the plan does, the youngest first */
     double *prediction;   /* [N * ny] */
+    double *multiplier;   /* [4 * nu + 2 * ny] */
     bool *usable, *given; /* [ny], [nu] */
     unsigned *limiting;   /* [nu + ny] */
     double took;          /* s: the last plan */

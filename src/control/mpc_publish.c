@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What predictive control publishes: its variables, and their values in the same order. */
+/* What predictive control tells: variables that it publishes, with their values in the same order, and what a plan
+ * comes from. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,9 +20,10 @@ static void declare_published(struct apc_law_mpc *p, size_t k, const struct apc_
     const char *unit = signal && signal->unit ? signal->unit : "";
 
     if (signal && signal->name)
-        snprintf(name->name, sizeof(name->name), "%s.%s", signal->name, suffix);
+        snprintf(name->of, sizeof(name->of), "%s", signal->name);
     else
-        snprintf(name->name, sizeof(name->name), "%c%zu.%s", letter, i + 1, suffix);
+        snprintf(name->of, sizeof(name->of), "%c%zu", letter, i + 1);
+    snprintf(name->name, sizeof(name->name), "%.50s.%s", name->of, suffix);
     snprintf(name->unit, sizeof(name->unit), "%s", *unit ? unit : "1");
     p->published[k] = (struct apc_published){.name = name->name,
                                              .unit = name->unit,
@@ -154,4 +157,66 @@ void apc_mpc_publish(struct apc_law_mpc *p, const struct apc_law_call *c, int re
     *at++ = result;
     *at++ = p->result.iterations;
     memcpy(at, p->x, p->disturbed->nx_plant * sizeof(*at));
+}
+
+/* ---- What a plan comes from ------------------------------------------------------------------------- */
+
+/* By how much the plan differs from what is left of the former one, where that is most; NAN: there was none. */
+static double plan_change(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
+{
+    const size_t before = (size_t)*apc_mpc_age_of(p, c->x), now = (size_t)*apc_mpc_age_of(p, p->x);
+    double most = 0.0;
+
+    if (!before || !now)
+        return (double)NAN;
+    for (size_t i = 0; i < p->N; i++) {
+        const double change = apc_mpc_move(p->mpc, apc_mpc_plan_of(p, p->x), i + now - 1)[j] -
+                              apc_mpc_move(p->mpc, apc_mpc_plan_of(p, c->x), i + before)[j];
+
+        most = fabs(change) > fabs(most) ? change : most;
+    }
+    return most;
+}
+
+static double multiplier_of_limit(const struct apc_law_mpc *p, size_t limit, size_t j)
+{
+    const size_t nu = p->dim.nu;
+    const bool of_rate = limit >= 2 && limit < 4, of_y = limit >= 4;
+
+    if (p->result.rc < 0 || p->result.waits)
+        return (double)NAN;
+    if (!of_y && p->given[j])
+        return 0.0;
+    return (of_rate ? p->Ts : 1.0) *
+           p->multiplier[of_y ? 4 * nu + (limit - 4) * p->dim.ny + j : limit * nu + j];
+}
+
+static void tell_term(struct apc_law_term *term, size_t most, size_t *n, const char *name, const char *of,
+                      double value)
+{
+    if (*n < most)
+        term[*n] = (struct apc_law_term){.name = name, .of = of, .value = value};
+    ++*n;
+}
+
+size_t apc_mpc_terms(const struct apc_law_call *c, size_t i, struct apc_law_term *term, size_t most)
+{
+    static const char *const limits[] = {"low limit",   "high limit", "falling rate",
+                                         "rising rate", "low limit",  "high limit"};
+    const struct apc_law_mpc *p = c->self;
+    const size_t ny = p->dim.ny, nu = p->dim.nu;
+    const struct apc_law_mpc_name *y = p->name, *u = y + ny, *disturbed = u + nu + ny + nu;
+    size_t n = 0;
+
+    apc_mpc_multipliers(p->mpc, p->multiplier, p->multiplier + 4 * nu);
+    for (size_t limit = 0; limit < sizeof(limits) / sizeof(*limits); limit++)
+        for (size_t k = 0; k < (limit < 4 ? nu : ny); k++)
+            tell_term(term, most, &n, limits[limit], limit < 4 ? u[k].of : y[k].of,
+                      multiplier_of_limit(p, limit, k));
+    for (size_t k = 0; k < p->n_unknown; k++)
+        tell_term(term, most, &n, "disturbance", disturbed[k].of, p->x[p->nx - p->n_unknown + k]);
+    tell_term(term, most, &n, "plan change", u[i].of, plan_change(p, c, i));
+    tell_term(term, most, &n, "rank given up", NULL,
+              p->result.rc < 0 ? (double)NAN : (double)p->result.given_up);
+    return n;
 }

@@ -526,6 +526,7 @@ static int allocate_mpc_law(struct apc_law_mpc *p, struct apc_error *why)
                                      APC_PART(p->y_high, ny),
                                      APC_PART(p->tuned, ny * 3 + nu * 2),
                                      APC_PART(p->prediction, p->N * ny),
+                                     APC_PART(p->multiplier, 4 * nu + 2 * ny),
                                      APC_PART(p->shifted, n),
                                      APC_PART(p->past, (p->late_most + 1) * nu),
                                      APC_PART(p->start, nonlinear * nx),

@@ -27,12 +27,16 @@ static double proportional(const struct apc_law_call *c)
     return c->tuning[U_BAR] + c->tuning[KP] * (c->z[0] - c->y[0]);
 }
 
-size_t apc_pi_terms(const struct apc_law_call *c, struct apc_law_term *term)
+size_t apc_pi_terms(const struct apc_law_call *c, struct apc_law_term *term, size_t most)
 {
-    term[0] = (struct apc_law_term){"u_bar", c->tuning[U_BAR]};
-    term[1] = (struct apc_law_term){"P", c->tuning[KP] * (c->z[0] - c->y[0])};
-    term[2] = (struct apc_law_term){"I", c->x[0]};
-    return 3;
+    const struct apc_law_term terms[] = {{"u_bar", NULL, c->tuning[U_BAR]},
+                                         {"P", NULL, c->tuning[KP] * (c->z[0] - c->y[0])},
+                                         {"I", NULL, c->x[0]}};
+    const size_t n = sizeof(terms) / sizeof(*terms);
+
+    for (size_t k = 0; k < n && k < most; k++)
+        term[k] = terms[k];
+    return n;
 }
 
 static size_t pi_n_state(const struct apc_dim *dim)

@@ -93,11 +93,11 @@ static void pid_track(struct apc_law_call *c)
     apc_pid_track(&l, c->u[0], c->gap);
 }
 
-size_t apc_pid_terms(const struct apc_law_call *c, struct apc_law_term *term)
+size_t apc_pid_terms(const struct apc_law_call *c, struct apc_law_term *term, size_t most)
 {
     const struct pid_loop l = loop(c);
 
-    return apc_pid_loop_terms(&l, term);
+    return apc_pid_loop_terms(&l, term, most);
 }
 
 static int pid_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)

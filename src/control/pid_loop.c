@@ -57,17 +57,19 @@ double apc_pid_wanted(const struct pid_loop *l)
     return output_without_integral(l) + l->x[I];
 }
 
-size_t apc_pid_loop_terms(const struct pid_loop *l, struct apc_law_term *term)
+size_t apc_pid_loop_terms(const struct pid_loop *l, struct apc_law_term *term, size_t most)
 {
     const double *p = l->p;
-    const struct apc_law_term terms[] = {{"u_bar", p[PID_U_BAR]},
-                                         {"P", p[PID_KP] * (p[PID_B] * l->r - l->y)},
-                                         {"I", l->x[I]},
-                                         {"D", derivative_part(l)},
-                                         {"feed-forward", l->feed_forward}};
+    const struct apc_law_term terms[] = {{"u_bar", NULL, p[PID_U_BAR]},
+                                         {"P", NULL, p[PID_KP] * (p[PID_B] * l->r - l->y)},
+                                         {"I", NULL, l->x[I]},
+                                         {"D", NULL, derivative_part(l)},
+                                         {"feed-forward", NULL, l->feed_forward}};
+    const size_t n = sizeof(terms) / sizeof(*terms);
 
-    memcpy(term, terms, sizeof(terms));
-    return sizeof(terms) / sizeof(*terms);
+    for (size_t k = 0; k < n && k < most; k++)
+        term[k] = terms[k];
+    return n;
 }
 
 double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited)

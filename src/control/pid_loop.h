@@ -65,7 +65,7 @@ void apc_pid_reset(const struct pid_loop *l);
 /* v: the output that the loop wants. */
 double apc_pid_wanted(const struct pid_loop *l);
 /* What it is the sum of. Returns how many. */
-size_t apc_pid_loop_terms(const struct pid_loop *l, struct apc_law_term *term);
+size_t apc_pid_loop_terms(const struct pid_loop *l, struct apc_law_term *term, size_t most);
 /* What the limits leave of it; notes in *limited what they cut. */
 double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited);
 /* The state for the next tick, u being what went out. An increment of the integral that way in which its

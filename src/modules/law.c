@@ -230,14 +230,14 @@ static unsigned loop_asks(const struct apc_controller *c, const struct apc_contr
     return is_backup_law(c, law) ? move->backup : move->law;
 }
 
-size_t apc_controller_terms(struct apc_controller *c, size_t i, struct apc_law_term *term)
+size_t apc_controller_terms(struct apc_controller *c, size_t i, struct apc_law_term *term, size_t most)
 {
     const enum apc_loop_output put = c->state[i].move.output;
     struct apc_controller_law *law = put == APC_PUT_BACKUP ? &c->backup : &c->law;
 
     if (put != APC_PUT_LAW && put != APC_PUT_BACKUP)
         return 0;
-    return apc_instances_terms(law->instances, law->definition->whole ? 0 : i, &law->call, term);
+    return apc_instances_terms(law->instances, i, &law->call, term, most);
 }
 
 static bool goes_out(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)

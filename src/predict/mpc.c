@@ -495,6 +495,32 @@ void apc_mpc_limiting(const struct apc_mpc *p, const signed char *rows, unsigned
     }
 }
 
+/* Which of the pair of limits @p pair [2 * n] of signal @p i, low ones first, a multiplier is of. */
+static void price_limit(double *pair, size_t n, size_t i, double multiplier)
+{
+    pair[multiplier > 0.0 ? n + i : i] += fabs(multiplier);
+}
+
+void apc_mpc_multipliers(const struct apc_mpc *p, double *u, double *y)
+{
+    const double *row = apc_qp_multipliers(p->qp);
+
+    memset(u, 0, 4 * p->nu * sizeof(*u));
+    memset(y, 0, 2 * p->ny * sizeof(*y));
+    for (size_t k = 0; k < p->n; k++) {
+        const size_t j = k % p->nu;
+        const unsigned pace = row[k] > 0.0 ? APC_MPC_RISES : APC_MPC_FALLS;
+
+        price_limit(k < p->nu && p->paced[j] & pace ? u + 2 * p->nu : u, p->nu, j, row[k]);
+    }
+    row += p->n;
+    for (size_t k = 0; k < p->n_rates; k++)
+        price_limit(u + 2 * p->nu, p->nu, p->rate_of[k].j, row[k]);
+    for (size_t c = 0; c < p->ny; c++)
+        for (size_t i = 0; p->row_of_limit[c] != SIZE_MAX && i < p->N; i++)
+            price_limit(y, p->ny, c, row[p->row_of_limit[c] + i]);
+}
+
 signed char *apc_mpc_room(struct apc_mpc *p)
 {
     return p->room;

@@ -120,5 +120,9 @@ enum { APC_MPC_LOW = 1, APC_MPC_HIGH = 2, APC_MPC_FALLS = 4, APC_MPC_RISES = 8 }
 /* Of each u [nu] and y [ny], wherever in the horizon, by a working set; rates are those of the last call.
  * [tick] */
 void apc_mpc_limiting(const struct apc_mpc *mpc, const signed char *rows, unsigned *u, unsigned *y);
+/* What the last solution would cost less for each unit that a limit gave way, over all of the horizon: u [4 * nu]
+ * the low limits, the high ones, steps down, steps up; y [2 * ny] low, high. Of a plan that waits nothing is
+ * told by it. [any] */
+void apc_mpc_multipliers(const struct apc_mpc *mpc, double *u, double *y);
 
 #endif

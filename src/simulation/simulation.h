@@ -291,8 +291,9 @@ struct why {
     size_t n;
     struct why_term {
         const char *name;
-        double before, now; /* NAN: not known; before the first tick, or not the law's */
-    } term[APC_LAW_TERMS];  /* [n_terms] what the law's answer is the sum of, before limits */
+        char of[APC_TAG_LEN]; /* signal; "": the output itself */
+        double before, now;   /* NAN: not known; before the first tick, or not the law's */
+    } * term;                 /* [n_terms] as of apc_controller_terms(), but those of signals that are 0 */
     size_t n_terms;
     double earlier;  /* what it moves without any of them: integral action, ramps, filters */
     double together; /* what they do only together */

@@ -404,31 +404,70 @@ static int try_causes(struct move *m, struct why *w)
     return 0;
 }
 
-/* The terms of the law at tick @p k alone, which goes on from the row before it; 0: they are not known. */
-static size_t terms_of_tick(struct move *m, size_t i, size_t k, struct apc_law_term *term)
+/* Compute tick @p k alone, which goes on from the row before it. Did it come out? */
+static bool compute_tick_alone(const struct move *m, size_t k)
 {
     struct replay_controller *rc = m->rc;
     struct apc_notice notice;
     if (k == 0 || rc->ticks.at[k - 1].n != rc->core->out_row->n ||
         replay_start_controller(m->r, rc, &rc->ticks.at[k - 1], rc->ticks.at[k - 1].time) < 0)
-        return 0;
+        return false;
     rc->row = tick_of_move(m, k - 1);
     rc->now = (struct apc_now){.mono = APC_NS_PER_S, .utc = rc->ticks.at[k - 1].time};
     (void)replay_give_tick(m->r, rc, &rc->ticks.at[k], tick_of_move(m, k));
     replay_compute_tick(rc, tick_of_move(m, k), &notice);
-    return replay_is_made(rc->core, tick_of_move(m, k)) ? apc_controller_terms(rc->core, i, term) : 0;
+    return replay_is_made(rc->core, tick_of_move(m, k));
 }
 
-static void find_terms(struct move *m, struct why *w)
+static struct why_term *term_of(struct why *w, const struct apc_law_term *term)
 {
-    struct apc_law_term before[APC_LAW_TERMS], now[APC_LAW_TERMS];
-    const size_t n_before = terms_of_tick(m, w->element, m->from, before),
-                 n = terms_of_tick(m, w->element, m->until, now);
-    w->n_terms = n > n_before ? n : n_before;
+    const char *of = term->of ? term->of : "";
+    size_t i = 0;
+    while (i < w->n_terms && (strcmp(w->term[i].name, term->name) != 0 || strcmp(w->term[i].of, of) != 0))
+        i++;
+    if (i == w->n_terms) {
+        w->term[w->n_terms++] =
+            (struct why_term){.name = term->name, .before = (double)NAN, .now = (double)NAN};
+        snprintf(w->term[i].of, sizeof w->term[i].of, "%s", of);
+    }
+    return &w->term[i];
+}
+
+/* The terms of the law at tick @p k, which is the one @p now or that before. */
+static int take_terms(const struct move *m, struct why *w, size_t k, bool now)
+{
+    struct apc_controller *core = compute_tick_alone(m, k) ? m->rc->core : NULL;
+    const size_t n = core ? apc_controller_terms(core, w->element, NULL, 0) : 0;
+    struct apc_law_term *term = calloc(n + 1, sizeof *term);
+    struct why_term *all = realloc(w->term, (w->n_terms + n + 1) * sizeof *all);
+    if (all)
+        w->term = all;
+    if (term && all && n > 0)
+        (void)apc_controller_terms(core, w->element, term, n);
+    for (size_t i = 0; term && all && i < n; i++) {
+        struct why_term *to = term_of(w, &term[i]);
+        *(now ? &to->now : &to->before) = term[i].value;
+    }
+    free(term);
+    return term && all ? 0 : APC_ENOMEM;
+}
+
+static bool is_naught(double value)
+{
+    return value == 0 || isnan(value);
+}
+
+static int find_terms(const struct move *m, struct why *w)
+{
+    int rc = take_terms(m, w, m->from, false);
+    size_t n = 0;
+    if (rc == 0)
+        rc = take_terms(m, w, m->until, true);
     for (size_t i = 0; i < w->n_terms; i++)
-        w->term[i] = (struct why_term){.name = i < n ? now[i].name : before[i].name,
-                                       .before = i < n_before ? before[i].value : (double)NAN,
-                                       .now = i < n ? now[i].value : (double)NAN};
+        if (!w->term[i].of[0] || !is_naught(w->term[i].before) || !is_naught(w->term[i].now))
+            w->term[n++] = w->term[i];
+    w->n_terms = n;
+    return rc;
 }
 
 /* ---- A loop's move --------------------------------------------------------------------------- */
@@ -543,7 +582,7 @@ int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc
     if (rc == 0)
         rc = try_causes(&m, w);
     if (rc == 0)
-        find_terms(&m, w);
+        rc = find_terms(&m, w);
     free(m.row);
     if (rc < 0)
         apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : r->why.text);
@@ -568,5 +607,6 @@ const char *why_above(const struct replay *r, const struct why_cause *cause)
 void why_free(struct why *w)
 {
     free(w->cause);
+    free(w->term);
     *w = (struct why){0};
 }

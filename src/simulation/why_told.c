@@ -204,7 +204,8 @@ static int move_json(const struct why_question *q, const struct why *w, struct t
              why_state_name(w->state_before), why_state_name(w->state), w->reason, w->low, w->high,
              w->earlier, w->together);
     for (size_t i = 0; i < w->n_terms; i++)
-        json_add(t, "{term:%s, before:%g, now:%g}", w->term[i].name, w->term[i].before, w->term[i].now);
+        json_add(t, "{term:%s, of:%-s, before:%g, now:%g}", w->term[i].name, w->term[i].of, w->term[i].before,
+                 w->term[i].now);
     json_add(t, "], inputs:[");
     for (size_t i = 0; i < w->n && rc == 0; i++)
         rc = cause_json(q, w, &w->cause[i], t, why);

@@ -165,7 +165,7 @@ export class Fake {
   #why() {
     const kinds = ["setpoint", "measurement", "disturbance", "tuning", "mode", "manual output", "loop below", "loop above", "promoted", "law"];
     const cause = (kind, i) => ({input: `${this.names ?? ""}x${i}`, kind, unit: this.texts ?? "m", before: kind === "law" ? null : i % 3, now: kind === "law" ? null : 1, status_before: "Good", status: kind === "measurement" ? "BadSensorFailure" : "Good", written: this.now - 9, author: kind === "measurement" ? null : "anna", event: kind === "setpoint" ? "x0: 0 -> 1 (reason: the tank is too full)" : null, effect: i < 8 ? 1 - 0.3 * i : 0});
-    return {output: "u", controller: "controller", unit: this.texts ?? "V", from: this.now - 60, time: this.now, before: 4, now: 10, state_before: "Auto", state: "held", reason: "y is Bad", low: -10, high: 10, earlier: 0.5, together: -0.000123, terms: [{term: "u_bar", before: 0, now: 0}, {term: "P", before: 1.5, now: 7}, {term: "I", before: 2.5, now: 2.75}, {term: "D", before: null, now: -0.5}, {term: "feed-forward", before: 0, now: 0.75}], inputs: kinds.map(cause)};
+    return {output: "u", controller: "controller", unit: this.texts ?? "V", from: this.now - 60, time: this.now, before: 4, now: 10, state_before: "Auto", state: "held", reason: "y is Bad", low: -10, high: 10, earlier: 0.5, together: -0.000123, terms: [{term: "u_bar", of: null, before: 0, now: 0}, {term: "P", of: null, before: 1.5, now: 7}, {term: "I", of: null, before: 2.5, now: 2.75}, {term: "D", of: null, before: null, now: -0.5}, {term: "feed-forward", of: null, before: 0, now: 0.75}], inputs: kinds.map(cause)};
   }
 
   /** One of each kind and severity. */

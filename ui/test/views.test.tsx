@@ -731,7 +731,7 @@ test("why an output moved: the causes by their effect, who wrote, and the loop a
   await env.pass(0.5);
   const {query, answer} = env.take("/api/why");
   assert.deepEqual(query, {output: "u1", over: "60"});
-  const move = {output: "u1", controller: "base", unit: "V", from: START - 60, time: START, before: 2, now: 10, state_before: "Auto", state: "Auto", reason: null, low: -10, high: 10, earlier: 1, together: 1e-15, terms: [{term: "u_bar", before: 0, now: 0}, {term: "P", before: 0.5, now: 8}, {term: "I", before: null, now: 2}], inputs: []};
+  const move = {output: "u1", controller: "base", unit: "V", from: START - 60, time: START, before: 2, now: 10, state_before: "Auto", state: "Auto", reason: null, low: -10, high: 10, earlier: 1, together: 1e-15, terms: [{term: "u_bar", of: null, before: 0, now: 0}, {term: "P", of: null, before: 0.5, now: 8}, {term: "I", of: null, before: null, now: 2}, {term: "high limit", of: "u2", before: 0, now: 3}], inputs: []};
   answer({...move, t: START, state: "held", reason: "y1 is Bad", above: {output: "top", error: "it was started anew"}, inputs: [
     cause("r1", "setpoint", 7.08195099547749, 6.5, 5, {written: START - 9, author: "anna", event: "r1: 7.08195099547749 -> 6.5 (typed)"}),
     cause("y1", "measurement", 7, 7.125, 1.5, {written: START - 1, status: "BadSensorFailure"}),
@@ -741,7 +741,7 @@ test("why an output moved: the causes by their effect, who wrote, and the loop a
   await settle();
   assert.match(said(".why-move"), /^2\.000 → 10\.000 V /);
   assert.match(said("dialog"), /Auto → held: y1 is Bad, at output high limit/);
-  assert.match(said("dialog"), /Law: P 0\.500 → 8\.000, I – → 2\.000/);
+  assert.match(said("dialog"), /Law: P 0\.500 → 8\.000, I – → 2\.000, high limit u2 0\.000 → 3\.000/);
   assert.deepEqual([...document.querySelectorAll("dialog tbody tr")].map(row => [...row.querySelectorAll("th, td")].map(cell => cell.textContent?.trim()).join("; ")), [
     `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.082; 6.5; +5.000; 63 %`,
     "y1 measurement; 7.000; 7.125 sensor failure; +1.500; 19 %",

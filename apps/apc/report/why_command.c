@@ -160,20 +160,32 @@ static const char *term_text(double value, char text[PRINT_LEN])
     return text;
 }
 
-/* Before and now, of those that are not 0 all the time: "  law: P 0.2 -> 0.6, I 1.5 -> 1.5". */
-static void print_terms(const struct why *w, FILE *out)
+static void print_term(const struct why_term *term, FILE *out)
 {
     char before[PRINT_LEN], now[PRINT_LEN];
-    const char *between = "  law:";
+    fprintf(out, " %s -> %s", term_text(term->before, before), term_text(term->now, now));
+}
+
+/* Before and now, of those that are not 0 all the time: "  law: P 0.2 -> 0.6, I 1.5 -> 1.5"; a line of the
+ * signals that have one of the same name: "  high limit: v1 0 -> 3.2, v2 0.4 -> 0". */
+static void print_terms(const struct why *w, FILE *out)
+{
+    const char *line = NULL;
     for (size_t i = 0; i < w->n_terms; i++) {
         const struct why_term *term = &w->term[i];
+        const char *of = term->of[0] ? term->name : "law";
         if (term->before == 0 && term->now == 0)
             continue;
-        fprintf(out, "%s %s %s -> %s", between, term->name, term_text(term->before, before),
-                term_text(term->now, now));
-        between = ",";
+        if (line && strcmp(line, of) == 0)
+            putc(',', out);
+        else
+            fprintf(out, "%s  %s:", line ? "\n" : "", of);
+        putc(' ', out);
+        print_clean(out, term->of[0] ? term->of : term->name);
+        print_term(term, out);
+        line = of;
     }
-    if (*between == ',')
+    if (line)
         putc('\n', out);
 }
 

@@ -338,6 +338,93 @@ static void no_other_plan_costs_less(void **state)
     assert_true(limited > 30); /* else this looked at nothing */
 }
 
+/* The limits of which apc_mpc_multipliers() tells, in its order, by rounds that it held a plan back in. */
+enum { LOW_U, HIGH_U, FALLS, RISES, LOW_Y, HIGH_Y, LIMITS };
+
+static double *limit_at(struct scene *s, int limit, size_t k)
+{
+    double *const all[LIMITS] = {s->low, s->high, s->step, s->step, s->y_low, s->y_high};
+    return all[limit] + k;
+}
+
+/* What the best plan costs when a limit is by so much wider. */
+static double cost_if_wider(struct scene *s, int limit, size_t k, double by)
+{
+    const double outwards = limit == LOW_U || limit == LOW_Y ? -by : by, before = *limit_at(s, limit, k);
+    double plan[MOVES_MOST], predicted[N * NY];
+
+    *limit_at(s, limit, k) = before + outwards;
+    assert_true(solve(s, plan).reachable);
+    *limit_at(s, limit, k) = before;
+    return apc_mpc_predict(s->mpc, plan, predicted);
+}
+
+/*
+ * Two ways, of which neither knows the solver: the cost's own gradient, in a plan that only limits of outputs hold
+ * back, is what their multipliers add; and of each limit the multiplier is what the plan costs less when it gives
+ * way, which includes rows of measurements and rates.
+ */
+static void a_multiplier_is_what_a_limit_costs(void **state)
+{
+    const struct apc_mpc_options free_rows = {.blocks = sizeof blocks / sizeof *blocks, .block = blocks};
+    const struct apc_mpc_options all_rows = {
+        .blocks = sizeof blocks / sizeof *blocks, .block = blocks, .limits = yes, .rate = yes};
+    struct apc_random random;
+    struct scene s;
+    int held[LIMITS] = {0};
+    (void)state;
+
+    apc_random_init(&random, SEED, "multipliers");
+    for (int round = 0; round < 60; round++) {
+        const bool rows = round % 2;
+        double plan[MOVES_MOST], predicted[N * NY], u[4 * NU], y[2 * NY], slope[2 * NU] = {0.0};
+
+        begin(&s, rows ? &all_rows : &free_rows);
+        tune(&s);
+        for (size_t j = 0; j < NU; j++) {
+            s.low[j] = s.model->u0[j] - 2.0;
+            s.high[j] = s.model->u0[j] + 2.0;
+            s.step[j] = rows ? 0.5 + apc_random_uniform(&random) : (double)INFINITY;
+        }
+        set_point(&s, 20.0 + 2.5 * apc_random_normal(&random), 30.0 + 1.5 * apc_random_normal(&random));
+        for (size_t c = 0; rows && c < NY; c++) {
+            s.y_low[c] = fmin(s.w[c], s.model->y0[c]) - 0.05;
+            s.y_high[c] = fmax(s.w[c], s.model->y0[c]) + 0.05;
+        }
+        const struct apc_mpc_result result = solve(&s, plan);
+        apc_mpc_multipliers(s.mpc, u, y);
+        for (size_t k = 0; k < s.n && !rows; k++) {
+            double aside[MOVES_MOST];
+
+            memcpy(aside, plan, sizeof aside);
+            aside[k] = plan[k] + 1.0;
+            const double more = apc_mpc_predict(s.mpc, aside, predicted);
+            aside[k] = plan[k] - 1.0;
+            const double gradient = (more - apc_mpc_predict(s.mpc, aside, predicted)) / 2.0;
+            slope[gradient < 0.0 ? NU + k % NU : k % NU] += fabs(gradient);
+        }
+        for (size_t k = 0; k < 2 * NU && !rows; k++)
+            assert_near(u[k], slope[k], 1e-6 * (1.0 + slope[k]));
+        for (int limit = 0; limit < LIMITS && result.reachable && !result.given_up && rows; limit++)
+            for (size_t k = 0; k < 2; k++) {
+                const double told = limit < LOW_Y ? u[(size_t)limit * NU + k]
+                                                  : y[(size_t)(limit - LOW_Y) * NY + k],
+                             of_both = limit == FALLS || limit == RISES
+                                           ? u[FALLS * NU + k] + u[RISES * NU + k]
+                                           : told,
+                             step = 1e-5;
+                const double less =
+                    (cost_if_wider(&s, limit, k, -step) - cost_if_wider(&s, limit, k, step)) / (2.0 * step);
+
+                assert_near(of_both, less, 1e-3 * (1.0 + less));
+                held[limit] += told > 1e-3;
+            }
+        end(&s);
+    }
+    for (int limit = 0; limit < LIMITS; limit++)
+        assert_true(held[limit] > 0); /* else this looked at nothing */
+}
+
 /* Promise(laws/measured-disturbances) */
 static void what_is_predicted_comes(void **state)
 {
@@ -820,6 +907,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(without_limits_it_is_the_regulator_of_an_endless_horizon),
         cmocka_unit_test(no_other_plan_costs_less),
+        cmocka_unit_test(a_multiplier_is_what_a_limit_costs),
         cmocka_unit_test(what_is_predicted_comes),
         cmocka_unit_test(a_setpoint_that_can_be_reached_is_reached_whatever_disturbs),
         cmocka_unit_test(the_first_rank_keeps_its_setpoint_when_an_input_saturates),

@@ -296,6 +296,75 @@ static void the_terms_of_a_law_are_its_output(void **state)
     assert_int_equal(answer.n_terms, 0);
 }
 
+static const struct why_term *term_named(const char *name, const char *of)
+{
+    for (size_t i = 0; i < answer.n_terms; i++)
+        if (!strcmp(answer.term[i].name, name) && !strcmp(answer.term[i].of, of))
+            return &answer.term[i];
+    return NULL;
+}
+
+/* The newest value of a variable after so long a run of the experiment. */
+static double value_in(const char *name, const char *more, double duration, const char *variable)
+{
+    struct experiment e;
+    struct simulation s;
+    struct apc_sample newest = {0};
+    load_experiment(&e, name, more);
+    assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
+    assert_int_equal(simulation_run(&s, duration), 0);
+    for (size_t i = 0; i < s.n_tags; i++)
+        if (!strcmp(s.tags[i].name, variable))
+            newest = (struct apc_sample){.table = s.tags[i].table, .id = s.tags[i].id};
+    assert_true(apc_store_read(s.store, &newest, 1) >= 0 && newest.seq > 0);
+    simulation_destroy(&s);
+    experiment_free(&e);
+    return newest.value;
+}
+
+/*
+ * Promise(simulation/why-plan): Of `mpc` and `nmpc` the limits that hold the plan back are told with what the plan
+ *   would cost less without, the disturbances that nobody measures, the rank that gave way, and the change of the
+ *   plan.
+ */
+static void the_terms_of_a_plan_are_what_it_comes_from(void **state)
+{
+    static const struct {
+        const char *name, *tuning, *loop, *disturbance;
+        double begin, limit, until, rank;
+    } of[] = {
+        {"quadruple-tank-mpc", "v1.u_max", "v1", "v1", 150.1, 4, 197, 0},
+        {"adiabatic-cstr-nmpc", "u_max", "F", "Tin", 420.1, 700, 446.5, 0},
+        {"adiabatic-cstr-nmpc", "u_max", "F", "Tin", 20.1, 300, 59.5, 1},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        char more[400], wider[2][600], disturbance[40];
+        double cost[2];
+        snprintf(more, sizeof more, "{ at = %g; set = \"%s\"; value = %g; }", of[i].begin, of[i].tuning,
+                 of[i].limit);
+        for (int k = 0; k < 2; k++) {
+            snprintf(wider[k], sizeof wider[k], "actions = ( %s, { at = %g; set = \"%s\"; value = %.9g; } );",
+                     more, of[i].until - 0.6, of[i].tuning, of[i].limit + (k ? 1e-4 : -1e-4));
+            cost[k] = value_in(of[i].name, wider[k], of[i].until, "objective");
+        }
+        snprintf(wider[0], sizeof wider[0], "actions = ( %s );", more);
+        make_run(of[i].name, wider[0], of[i].until);
+        explain(of[i].loop, of[i].until - 0.1, of[i].until);
+        const struct why_term *limit = term_named("high limit", of[i].loop),
+                              *disturbed = term_named("disturbance", of[i].disturbance);
+        assert_non_null(limit);
+        assert_true(limit->now > 0);
+        if (of[i].rank == 0) /* else where it is to come to rest depends on the limit as well */
+            assert_near(limit->now, (cost[0] - cost[1]) / 2e-4, 1e-3 * limit->now);
+        assert_non_null(disturbed);
+        snprintf(disturbance, sizeof disturbance, "%s.disturbance", of[i].disturbance);
+        assert_true(disturbed->now == value_in(of[i].name, wider[0], of[i].until, disturbance));
+        assert_non_null(term_named("plan change", of[i].loop));
+        assert_true(term_named("rank given up", "")->now == of[i].rank);
+    }
+}
+
 /* As in a loop that waits for its first measurement. */
 static void a_move_begins_where_something_goes_out(void **state)
 {
@@ -442,6 +511,7 @@ int main(void)
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
         cmocka_unit_test_teardown(who_wrote_is_told_in_the_words_of_the_write, end),
         cmocka_unit_test_teardown(the_terms_of_a_law_are_its_output, end),
+        cmocka_unit_test_teardown(the_terms_of_a_plan_are_what_it_comes_from, end),
         cmocka_unit_test_teardown(a_move_begins_where_something_goes_out, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
         cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),

@@ -309,7 +309,7 @@ export interface Why {
   high: number | null;
   earlier: number | null;
   together: number | null;
-  terms: {term: string; before: number | null; now: number | null}[]; // that the law's answer is the sum of
+  terms: {term: string; of: string | null; before: number | null; now: number | null}[]; // what the law's answer comes from
   inputs: Cause[];
   above?: Why | Unexplained;
 }

@@ -45,9 +45,9 @@ export function limitOf({now, low, high}: Why): "loop.atHigh" | "loop.atLow" | n
   return high != null && now >= high ? "loop.atHigh" : low != null && now <= low ? "loop.atLow" : null;
 }
 
-/** What the law's answer is the sum of, but for what is 0 all the time. */
+/** What the law's answer comes from, but for what is 0 all the time. */
 export function termsText({terms}: Why): string {
-  return terms.filter(one => one.before !== 0 || one.now !== 0).map(one => `${known("why.term", one.term)} ${number(one.before)} → ${number(one.now)}`).join(", ");
+  return terms.filter(one => one.before !== 0 || one.now !== 0).map(one => `${known("why.term", one.term)} ${one.of == null ? "" : `${one.of} `}${number(one.before)} → ${number(one.now)}`).join(", ");
 }
 
 export function stateWord(state: string): string {
