@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * What the live store gets, on its way to a broker: moved into the queue, a store in a file, by an
- * apc_forward, and published from there, of each variable in its order, until it was acknowledged. How far
+ * apc_replication, and published from there, of each variable in its order, until it was acknowledged. How far
  * that has come stands in a file beside the queue; who was killed before it was written publishes some rows
  * again, under the same seq. What was acknowledged and is some minutes old is dropped from the queue.
  *

@@ -248,7 +248,7 @@ def test_nobody_applies_it():
 
 
 def keep(folder):
-    lib.apc_record_keep(os.fsencode(folder / "samples.csv"), os.fsencode(folder / "samples.columns"))
+    lib.apc_samples_keep(os.fsencode(folder / "samples.csv"), os.fsencode(folder / "samples.columns"))
     return folder / "samples.columns"
 
 
@@ -260,8 +260,8 @@ def same(one, other):
 
 def believes(folder):
     """Whether samples.columns is read."""
-    raw, reason = filled("record"), why()
-    assert lib.apc_record_read(raw, os.fsencode(folder / "samples.csv"), os.fsencode(folder / "samples.columns"), reason) == 0
+    raw, reason = filled("samples"), why()
+    assert lib.apc_samples_read(raw, os.fsencode(folder / "samples.csv"), os.fsencode(folder / "samples.columns"), reason) == 0
     return raw.slot == ffi.NULL  # where variables are found, which who reads lines has to know
 
 

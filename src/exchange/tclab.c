@@ -112,9 +112,9 @@ int apc_tclab_create(struct apc_tclab **tclab, const struct apc_tclab_options *o
     int rc;
 
     if (!tclab)
-        return apc_fail(why, APC_EINVAL, "apc_board_create: board must not be NULL");
+        return apc_fail(why, APC_EINVAL, "apc_tclab_create: tclab must not be NULL");
     *tclab = NULL;
-    rc = apc_options_copy(&o, sizeof(o), options, "apc_board_options", why);
+    rc = apc_options_copy(&o, sizeof(o), options, "apc_tclab_options", why);
     if (rc < 0)
         return rc;
     if (!o.nu || o.nu > CHANNELS || !o.ny || o.ny > CHANNELS || !o.command || !o.measure)

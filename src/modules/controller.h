@@ -15,7 +15,7 @@
 
 /** A loop, besides what apc_loop remembers. */
 struct apc_controller_state {
-    struct apc_loop loop;
+    struct apc_loop_memory loop;
     struct apc_loop_inputs inputs;
     enum apc_loop_state from; /* move follows from it and facts; 0: it does not */
     struct apc_loop_move move;
@@ -106,8 +106,8 @@ enum apc_tick_field {
     APC_TICK_INDEX,      /* of the tick on the controller's grid */
     APC_TICK_STATE,      /* [nu] enum apc_loop_state */
     APC_TICK_HELD,       /* [nu] s since holding began; -1: it does not hold */
-    APC_TICK_POOR,       /* [nu] as in struct apc_loop */
-    APC_TICK_LINKED,     /* [nu] as in struct apc_loop, */
+    APC_TICK_POOR,       /* [nu] as in struct apc_loop_memory */
+    APC_TICK_LINKED,     /* [nu] as in struct apc_loop_memory, */
     APC_TICK_ASKED,      /* [nu] both */
     APC_TICK_U,          /* [nu] what goes out */
     APC_TICK_THERE,      /* [nu] 0: there is no u yet */

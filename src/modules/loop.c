@@ -115,17 +115,18 @@ struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_l
 
 /* ---- What a loop remembers ---------------------------------------------------------------- */
 
-bool apc_loop_expired(const struct apc_loop *l, bool input, apc_ns now, apc_ns hold, unsigned shed_after)
+bool apc_loop_expired(const struct apc_loop_memory *l, bool input, apc_ns now, apc_ns hold,
+                      unsigned shed_after)
 {
     return (!input && l->holding && now - l->held >= hold) || l->poor >= shed_after;
 }
 
-bool apc_loop_bridges(const struct apc_loop *l, apc_ns now, apc_ns hold)
+bool apc_loop_bridges(const struct apc_loop_memory *l, apc_ns now, apc_ns hold)
 {
     return l->state == APC_LOOP_BACKUP && !(l->holding && now - l->held >= hold);
 }
 
-void apc_loop_answered(struct apc_loop *l, bool good, unsigned shed_after)
+void apc_loop_answered(struct apc_loop_memory *l, bool good, unsigned shed_after)
 {
     bool shed = l->poor >= shed_after;
 
@@ -135,8 +136,8 @@ void apc_loop_answered(struct apc_loop *l, bool good, unsigned shed_after)
         l->poor = shed && l->poor + 1 - shed_after < shed_after ? l->poor + 1 : 0;
 }
 
-void apc_loop_settle(struct apc_loop *l, const struct apc_loop_inputs *inputs, enum apc_loop_state state,
-                     apc_ns now, int64_t next)
+void apc_loop_settle(struct apc_loop_memory *l, const struct apc_loop_inputs *inputs,
+                     enum apc_loop_state state, apc_ns now, int64_t next)
 {
     bool cascade = inputs->target == APC_MODE_CAS && state != APC_LOOP_SHADOW;
 
@@ -176,23 +177,23 @@ bool apc_loop_invited(const struct apc_loop_below *b)
            b->newest >= b->value && b->newest <= b->value;
 }
 
-static bool is_initialisation_answered(const struct apc_loop *l, const struct apc_loop_above *a)
+static bool is_initialisation_answered(const struct apc_loop_memory *l, const struct apc_loop_above *a)
 {
     return l->asked && a->origin >= l->asked && a->value >= a->working && a->value <= a->working;
 }
 
-bool apc_loop_remote(const struct apc_loop *l, const struct apc_loop_above *a)
+bool apc_loop_remote(const struct apc_loop_memory *l, const struct apc_loop_above *a)
 {
     return a->target == APC_MODE_CAS && a->theirs && a->fresh && a->able &&
            (l->linked || is_initialisation_answered(l, a));
 }
 
-bool apc_loop_takes(const struct apc_loop *l, const struct apc_loop_above *a)
+bool apc_loop_takes(const struct apc_loop_memory *l, const struct apc_loop_above *a)
 {
     return !a->theirs || apc_loop_remote(l, a);
 }
 
-apc_status apc_loop_status(const struct apc_loop *l, enum apc_mode target, unsigned limited)
+apc_status apc_loop_status(const struct apc_loop_memory *l, enum apc_mode target, unsigned limited)
 {
     if (target != APC_MODE_CAS)
         return APC_GOOD_LOCAL_OVERRIDE;

@@ -64,7 +64,7 @@ double apc_actuator_move(const struct apc_actuator *actuator, apc_ns before, apc
  * What a loop remembers from tick to tick, besides the seqs that were taken; all of it stands in the tick
  * row. Zeroed: a loop that has not begun.
  */
-struct apc_loop {
+struct apc_loop_memory {
     enum apc_loop_state state;
     bool holding;  /* without input or, in Backup, the backup law without input or answer, since: */
     apc_ns held;   /* mono */
@@ -75,19 +75,20 @@ struct apc_loop {
 };
 /** Has the loop been without input for @p hold, or shed its law after @p shed_after (above 0) answers? Told
  * at the beginning of a tick. [tick] */
-bool apc_loop_expired(const struct apc_loop *loop, bool input, apc_ns now, apc_ns hold, unsigned shed_after);
+bool apc_loop_expired(const struct apc_loop_memory *loop, bool input, apc_ns now, apc_ns hold,
+                      unsigned shed_after);
 /** Does a loop in Backup go on waiting for input or answer of its backup law? Told at the beginning of a
  * tick, or once more after the answer. [tick] */
-bool apc_loop_bridges(const struct apc_loop *loop, apc_ns now, apc_ns hold);
+bool apc_loop_bridges(const struct apc_loop_memory *loop, apc_ns now, apc_ns hold);
 /** Count an answer of the law, wherever it is asked; @p good: good or suboptimal. [tick] */
-void apc_loop_answered(struct apc_loop *loop, bool good, unsigned shed_after);
+void apc_loop_answered(struct apc_loop_memory *loop, bool good, unsigned shed_after);
 /**
  * Close a tick that @p inputs brought into @p state. @p next is the seq that the next `actual` row of the
  * loop's setpoint will have. Where it says no more than the one before it need not be written: the answer to
  * that makes it say more. [tick]
  */
-void apc_loop_settle(struct apc_loop *loop, const struct apc_loop_inputs *inputs, enum apc_loop_state state,
-                     apc_ns now, int64_t next);
+void apc_loop_settle(struct apc_loop_memory *loop, const struct apc_loop_inputs *inputs,
+                     enum apc_loop_state state, apc_ns now, int64_t next);
 
 /** What an upper loop sees of the one whose setpoint it writes, all in one snapshot. */
 struct apc_loop_below {
@@ -110,13 +111,13 @@ struct apc_loop_above {
     double value;         /* of the newest row */
     double working;       /* the setpoint in force since the loop's last tick */
 };
-bool apc_loop_remote(const struct apc_loop *loop, const struct apc_loop_above *above); /**< [tick] */
+bool apc_loop_remote(const struct apc_loop_memory *loop, const struct apc_loop_above *above); /**< [tick] */
 /** Is the newest row of the setpoint to be taken? Else it comes too late or from nobody that is listened to,
  * and the setpoint in force is put back, by swap. [tick] */
-bool apc_loop_takes(const struct apc_loop *loop, const struct apc_loop_above *above);
+bool apc_loop_takes(const struct apc_loop_memory *loop, const struct apc_loop_above *above);
 /** Status of the `actual` row of a loop's setpoint, after settling. @p limited: enum apc_limited, how the
  * loop's measurement cannot follow. [tick] */
-apc_status apc_loop_status(const struct apc_loop *loop, enum apc_mode target, unsigned limited);
+apc_status apc_loop_status(const struct apc_loop_memory *loop, enum apc_mode target, unsigned limited);
 /** Which way, enum apc_limited, a measurement cannot follow its setpoint while the output is @p limited: the
  * way that it lacks, whatever the sign of the process's gain is. [tick] */
 unsigned apc_loop_lacks(unsigned limited, double setpoint, double measurement);

@@ -52,7 +52,7 @@ static uint64_t sum_of(const void *data, size_t n, uint64_t before)
 /* ---- Parts of the work, a thread each -------------------------------------------------------- */
 
 struct part {
-    struct apc_record *rows;
+    struct apc_samples *rows;
     int csv, columns;            /* columns: -1: of the CSV file alone */
     off_t csv_size, at;          /* at: of the first block */
     uint64_t *segment;           /* [segments] their checksums */
@@ -87,12 +87,12 @@ static bool sum_segment(const struct part *t, size_t i, char *chunk)
     return true;
 }
 
-static size_t rows_of_block(const struct apc_record *r, size_t block)
+static size_t rows_of_block(const struct apc_samples *r, size_t block)
 {
     return r->n - block * BLOCK < BLOCK ? r->n - block * BLOCK : BLOCK;
 }
 
-static uint64_t sum_of_block(const struct apc_record *r, size_t first, size_t n, const uint16_t *variable)
+static uint64_t sum_of_block(const struct apc_samples *r, size_t first, size_t n, const uint16_t *variable)
 {
     uint64_t sum = sum_of(r->time + first, n * sizeof *r->time, 0);
 
@@ -103,7 +103,7 @@ static uint64_t sum_of_block(const struct apc_record *r, size_t first, size_t n,
 
 static bool read_column_block(const struct part *t, size_t block, uint16_t *variable)
 {
-    const struct apc_record *const r = t->rows;
+    const struct apc_samples *const r = t->rows;
     const size_t first = block * BLOCK, n = rows_of_block(r, block), size = n * ROW + sizeof(uint64_t);
     uint64_t sum;
     const struct iovec piece[] = {{r->time + first, n * sizeof *r->time},
@@ -159,7 +159,7 @@ size_t samples_parts(size_t size)
 }
 
 /* The blocks into the rows, unless @p columns is -1, and the checksum of the CSV file, unless @p csv is -1. */
-static bool read_columns_parts(struct apc_record *rows, int csv, off_t csv_size, int columns, off_t at,
+static bool read_columns_parts(struct apc_samples *rows, int csv, off_t csv_size, int columns, off_t at,
                                uint64_t *csv_sum)
 {
     const size_t parts = samples_parts((size_t)csv_size),
@@ -189,7 +189,7 @@ static bool read_columns_parts(struct apc_record *rows, int csv, off_t csv_size,
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 /* The head, as long as it fits a file of that size. */
-static bool take_head(int fd, off_t size, struct apc_record *r, struct head *head, off_t *at)
+static bool take_head(int fd, off_t size, struct apc_samples *r, struct head *head, off_t *at)
 {
     uint64_t sum;
 
@@ -224,7 +224,7 @@ static uint64_t change_time_of(const struct stat *of)
     return (uint64_t)of->st_ctim.tv_sec * 1000000000 + (uint64_t)of->st_ctim.tv_nsec;
 }
 
-static bool take_columns_file(struct apc_record *r, int csv, int columns)
+static bool take_columns_file(struct apc_samples *r, int csv, int columns)
 {
     struct stat of_csv, of_columns;
     struct head head;
@@ -243,7 +243,7 @@ static bool take_columns_file(struct apc_record *r, int csv, int columns)
            (untouched || csv_sum == head.csv_sum);
 }
 
-int apc_record_read(struct apc_record *rows, const char *csv, const char *columns, struct apc_error *why)
+int apc_samples_read(struct apc_samples *rows, const char *csv, const char *columns, struct apc_error *why)
 {
     const int fd = open(csv, O_RDONLY | O_CLOEXEC),
               beside = columns ? open(columns, O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1;
@@ -259,7 +259,7 @@ int apc_record_read(struct apc_record *rows, const char *csv, const char *column
     return samples_csv_read(rows, csv, why);
 }
 
-void apc_record_free(struct apc_record *r)
+void apc_samples_free(struct apc_samples *r)
 {
     samples_forget(r);
     free(r);
@@ -272,7 +272,7 @@ static bool write_columns(FILE *out, const void *from, size_t size, size_t n)
     return n == 0 || fwrite(from, size, n, out) == n; /* of a record without rows there are no arrays */
 }
 
-static bool write_column_block(FILE *out, const struct apc_record *r, size_t block, uint16_t *variable)
+static bool write_column_block(FILE *out, const struct apc_samples *r, size_t block, uint16_t *variable)
 {
     const size_t first = block * BLOCK, n = rows_of_block(r, block);
 
@@ -287,7 +287,7 @@ static bool write_column_block(FILE *out, const struct apc_record *r, size_t blo
            write_columns(out, &sum, sizeof sum, 1);
 }
 
-static bool put_columns(FILE *out, const struct apc_record *r, const struct head *head)
+static bool put_columns(FILE *out, const struct apc_samples *r, const struct head *head)
 {
     uint64_t sum = sum_of(head, sizeof *head, 0);
     uint16_t *const variable = malloc(BLOCK * sizeof *variable);
@@ -318,7 +318,7 @@ static bool is_file_at_rest(int fd, const struct stat *was)
 }
 
 /* What @p csv holds, and what tells it from any other. */
-static bool know(const char *csv, struct apc_record *r, struct head *head)
+static bool know(const char *csv, struct apc_samples *r, struct head *head)
 {
     const int fd = open(csv, O_RDONLY | O_CLOEXEC);
     struct stat of_csv = {0};
@@ -337,11 +337,11 @@ static bool know(const char *csv, struct apc_record *r, struct head *head)
     return good;
 }
 
-void apc_record_keep(const char *csv, const char *columns)
+void apc_samples_keep(const char *csv, const char *columns)
 {
     const size_t room = strlen(columns) + sizeof ".part";
     char *const part = malloc(room);
-    struct apc_record rows = {0};
+    struct apc_samples rows = {0};
     struct head head;
     FILE *out = NULL;
     bool good = part && know(csv, &rows, &head);
@@ -364,8 +364,8 @@ void apc_record_keep(const char *csv, const char *columns)
 
 /* ---- What is told of each row ---------------------------------------------------------------- */
 
-void apc_record_spread(const struct apc_record *rows, size_t first, size_t n, const void *of, size_t size,
-                       void *to)
+void apc_samples_spread(const struct apc_samples *rows, size_t first, size_t n, const void *of, size_t size,
+                        void *to)
 {
     const int32_t *const variable = rows->variable + first;
 
@@ -378,7 +378,7 @@ void apc_record_spread(const struct apc_record *rows, size_t first, size_t n, co
     }
 }
 
-void apc_record_times(const struct apc_record *rows, int64_t start, int64_t *to)
+void apc_samples_times(const struct apc_samples *rows, int64_t start, int64_t *to)
 {
     /* A number added to this one has its nearest integer in the lowest bits. */
     static const double shift = 0x1.8p52;

@@ -18,7 +18,7 @@ enum { ROOM = 4096, CHUNK = 1 << 18, BEHIND = 32, ROW = 32 };
 
 /* ---- Variables and codes --------------------------------------------------------------------- */
 
-static size_t slot_of(const struct apc_record *r, int32_t table, int32_t id)
+static size_t slot_of(const struct apc_samples *r, int32_t table, int32_t id)
 {
     const uint32_t key = ((uint32_t)id * 16 + (uint32_t)table) * 2654435761u;
     size_t at = key & (r->slots - 1);
@@ -29,7 +29,7 @@ static size_t slot_of(const struct apc_record *r, int32_t table, int32_t id)
 }
 
 /* So many slots that half of them are free. */
-static bool more_slots(struct apc_record *r)
+static bool more_slots(struct apc_samples *r)
 {
     const size_t slots = r->slots ? 2 * r->slots : 64;
     int32_t *const slot = calloc(slots, sizeof *slot),
@@ -51,7 +51,7 @@ static bool more_slots(struct apc_record *r)
 }
 
 /* Its place; -1: out of memory. */
-static int32_t place_of_variable(struct apc_record *r, int32_t table, int32_t id)
+static int32_t place_of_variable(struct apc_samples *r, int32_t table, int32_t id)
 {
     if (2 * r->n_variables >= r->slots && !more_slots(r))
         return -1;
@@ -66,7 +66,7 @@ static int32_t place_of_variable(struct apc_record *r, int32_t table, int32_t id
 }
 
 /* Its place; -1: there are too many. */
-static int place_of_code(struct apc_record *r, apc_status code)
+static int place_of_code(struct apc_samples *r, apc_status code)
 {
     size_t i = 0;
 
@@ -99,7 +99,7 @@ struct spelling {
 
 /* What lies between two places of the file. */
 struct part {
-    struct apc_record *r;
+    struct apc_samples *r;
     const char *name;
     int fd;
     off_t from, to; /* the lines that begin there */
@@ -114,7 +114,7 @@ struct part {
     const char *why;
 };
 
-static bool widen_record(struct apc_record *r, size_t room)
+static bool widen_record(struct apc_samples *r, size_t room)
 {
     if (!apc_grow(&r->time, room, sizeof *r->time) || !apc_grow(&r->variable, room, sizeof *r->variable) ||
         !apc_grow(&r->status, room, sizeof *r->status) || !apc_grow(&r->value, room, sizeof *r->value))
@@ -180,7 +180,7 @@ static int32_t parse_variable(struct part *t, const char **p)
 }
 
 /* The status and a comma. Its place; -1: it is none, or there are too many. */
-static int take_status(struct apc_record *r, const char **p)
+static int take_status(struct apc_samples *r, const char **p)
 {
     char text[APC_STATUS_NAME_LEN];
     apc_status code = APC_GOOD;
@@ -202,7 +202,7 @@ static int take_status(struct apc_record *r, const char **p)
 /* The line at @p *p, which is moved behind it. Returns 0, APC_EPROTO: it is no row, or APC_ENOMEM. */
 static int parse_sample_line(struct part *t, const char **p)
 {
-    struct apc_record *const r = t->r;
+    struct apc_samples *const r = t->r;
 
     if (r->n == r->room && !widen_record(r, r->room ? 2 * r->room : t->rows))
         return APC_ENOMEM;
@@ -281,7 +281,7 @@ static int take_part(struct part *t)
     return at >= t->to || n == 0 ? 0 : fail_part(t, APC_EPROTO, "ends in the middle of a line");
 }
 
-void samples_forget(struct apc_record *r)
+void samples_forget(struct apc_samples *r)
 {
     free(r->time);
     free(r->variable);
@@ -290,7 +290,7 @@ void samples_forget(struct apc_record *r)
     free(r->table);
     free(r->id);
     free(r->slot);
-    *r = (struct apc_record){0};
+    *r = (struct apc_samples){0};
 }
 
 static void *parse_csv_part(void *ctx)
@@ -302,7 +302,7 @@ static void *parse_csv_part(void *ctx)
 }
 
 /* The rows of a part behind those that are there. Returns false: out of memory, or too many codes. */
-static bool append_part(struct apc_record *r, const struct apc_record *part)
+static bool append_part(struct apc_samples *r, const struct apc_samples *part)
 {
     int32_t *const place = malloc((part->n_variables + 1) * sizeof *place);
     int8_t code[sizeof part->code / sizeof part->code[0]];
@@ -354,7 +354,7 @@ static int take_file(struct part part[SAMPLES_PARTS], size_t parts, struct apc_e
 
 static int take_slow_sample(void *ctx, double t, const struct apc_sample *sample)
 {
-    struct apc_record *const r = ctx;
+    struct apc_samples *const r = ctx;
 
     if (r->n == r->room && !widen_record(r, r->room ? 2 * r->room : ROOM))
         return APC_ENOMEM;
@@ -370,10 +370,10 @@ static int take_slow_sample(void *ctx, double t, const struct apc_sample *sample
     return 0;
 }
 
-static int read_fast(struct apc_record *rows, const char *file, struct apc_error *why)
+static int read_fast(struct apc_samples *rows, const char *file, struct apc_error *why)
 {
     const int fd = open(file, O_RDONLY | O_CLOEXEC);
-    struct apc_record others[SAMPLES_PARTS] = {{0}};
+    struct apc_samples others[SAMPLES_PARTS] = {{0}};
     struct part part[SAMPLES_PARTS] = {{0}};
     struct stat stat;
 
@@ -409,7 +409,7 @@ static int read_fast(struct apc_record *rows, const char *file, struct apc_error
 }
 
 /* What is not as it was written here may have gone through a spreadsheet: the reader of all files knows. */
-int samples_csv_read(struct apc_record *rows, const char *file, struct apc_error *why)
+int samples_csv_read(struct apc_samples *rows, const char *file, struct apc_error *why)
 {
     const int rc = read_fast(rows, file, why);
 

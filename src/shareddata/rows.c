@@ -140,7 +140,7 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
 
 /* ---- Bins ---------------------------------------------------------------------------------- */
 
-struct apc_bin {
+struct apc_bin_sum {
     struct apc_history_bin b;
     long double sum; /* of values below 1e300: cannot overflow */
     int64_t final;   /* seq of the last value */
@@ -149,13 +149,13 @@ struct apc_bin {
 int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, apc_ns until, size_t n)
 {
     *bins = (struct apc_bins){
-        .bin = (struct apc_bin *)calloc(n, sizeof *bins->bin), .n = n, .since = since, .until = until};
+        .bin = (struct apc_bin_sum *)calloc(n, sizeof *bins->bin), .n = n, .since = since, .until = until};
     return bins->bin ? 0 : apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu bins", n);
 }
 
 /* The highest i whose edge, since + span * i / n rounded down, is not above the time. Samples come one after
  * the other, so it is nearly always the bin of the one before. */
-static struct apc_bin *highest_bin_of(struct apc_bins *x, apc_ns time)
+static struct apc_bin_sum *highest_bin_of(struct apc_bins *x, apc_ns time)
 {
     if (time < x->from || time >= x->to) {
         const uwide into = (uwide)((uint64_t)time - (uint64_t)x->since) + 1;
@@ -172,7 +172,7 @@ int apc_bins_add(void *bins, const struct apc_sample *s)
     if (s->time < x->since || s->time >= x->until) {
         return 0; /* 0 is no bound to a range, but one to bins */
     }
-    struct apc_bin *bin = highest_bin_of(x, s->time);
+    struct apc_bin_sum *bin = highest_bin_of(x, s->time);
     struct apc_history_bin *b = &bin->b;
     if (apc_status_severity(s->status) == APC_SEVERITY_BAD) {
         b->bad++;
@@ -191,7 +191,7 @@ int apc_bins_add(void *bins, const struct apc_sample *s)
 
 void apc_bins_merge(struct apc_bins *x, size_t i, const struct apc_history_bin *part, int64_t final)
 {
-    struct apc_bin *bin = &x->bin[i];
+    struct apc_bin_sum *bin = &x->bin[i];
     struct apc_history_bin *b = &bin->b;
     if (part->count > 0) {
         b->min = b->count == 0 || part->min < b->min ? part->min : b->min;
@@ -210,7 +210,7 @@ int apc_bins_take(void *bins, const struct apc_history_bin *bin)
 {
     struct apc_bins *x = (struct apc_bins *)bins;
     *highest_bin_of(x, bin->from) =
-        (struct apc_bin){.b = *bin, .sum = (long double)bin->mean * (long double)bin->count};
+        (struct apc_bin_sum){.b = *bin, .sum = (long double)bin->mean * (long double)bin->count};
     x->last = bin->seq > x->last ? bin->seq : x->last;
     return 0;
 }

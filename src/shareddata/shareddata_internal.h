@@ -247,7 +247,7 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
 
 /** Intervals that are being filled. */
 struct apc_bins {
-    struct apc_bin *bin; /* [n], to be freed */
+    struct apc_bin_sum *bin; /* [n], to be freed */
     size_t n;
     apc_ns since, until;
     int64_t last; /* the highest seq of those taken whole */

@@ -382,7 +382,7 @@ void cascade_start(struct cascade *w, enum who who)
     s->missed = false;
     s->now = s->stored;
     if (w->now - s->stored_time > LOSS(s->period)) {
-        s->now.loop = (struct apc_loop){.state = APC_LOOP_INIT};
+        s->now.loop = (struct apc_loop_memory){.state = APC_LOOP_INIT};
         s->now.law = s->now.backup = (struct integral){0};
         s->missed = who == UPPER;
         if (who == LOWER)

@@ -53,7 +53,7 @@ struct integral {
 
 /* What a tick row holds. */
 struct memory {
-    struct apc_loop loop;
+    struct apc_loop_memory loop;
     struct integral law, backup;
     double u, z, y;
     int64_t seen; /* newest seq of the setpoint */

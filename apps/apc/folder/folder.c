@@ -593,7 +593,7 @@ void folder_columns(const char *dir)
 
     path_in_folder(dir, "samples.csv", "", csv);
     path_in_folder(dir, COLUMNS_FILE, "", columns);
-    apc_record_keep(csv, columns);
+    apc_samples_keep(csv, columns);
 }
 
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,

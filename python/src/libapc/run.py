@@ -154,8 +154,8 @@ class _Record:
     """The rows of a file of samples: arrays that share the library's memory."""
 
     def __init__(self, file: Path, columns: Optional[Path] = None) -> None:
-        raw, reason = filled("record"), why()
-        check(lib.apc_record_read(raw, os.fsencode(_there(file)), os.fsencode(columns) if columns else ffi.NULL, reason), reason)
+        raw, reason = filled("samples"), why()
+        check(lib.apc_samples_read(raw, os.fsencode(_there(file)), os.fsencode(columns) if columns else ffi.NULL, reason), reason)
         self._raw = raw
         self.time, self.variable, self.status, self.value = (array(raw, column, raw.n) for column in
                                                              ("time", "variable", "status", "value"))
@@ -164,7 +164,7 @@ class _Record:
 
     def spread(self, of_each: "NDArray[Any]", to: "NDArray[Any]", begin: int, end: int) -> None:
         """Of rows `begin` to `end` what there is of their variables."""
-        lib.apc_record_spread(self._raw, begin, max(end - begin, 0), ffi.cast("void *", of_each.ctypes.data), to.itemsize,
+        lib.apc_samples_spread(self._raw, begin, max(end - begin, 0), ffi.cast("void *", of_each.ctypes.data), to.itemsize,
                             ffi.cast("void *", to.ctypes.data + int(begin) * to.itemsize))
 
     def times(self, start: "np.datetime64") -> "NDArray[Any]":
@@ -172,7 +172,7 @@ class _Record:
         import numpy as np
 
         made = np.empty(len(self.time), "M8[ns]")
-        lib.apc_record_times(self._raw, int(start.astype("i8")), ffi.cast("int64_t *", made.ctypes.data))
+        lib.apc_samples_times(self._raw, int(start.astype("i8")), ffi.cast("int64_t *", made.ctypes.data))
         return made
 
     def texts(self, name: str, of_each: list[str]) -> Column:

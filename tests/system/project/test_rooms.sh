@@ -31,23 +31,26 @@ strangers() { # FOLDER...: what is included of other rooms that is not their fac
       if (room ~ /^(timer|shareddata|sockets|exchange|plant|predict|identify|control|modules)$/ && (at[1] == "apps" || own ~ upper)) print
       else if (room ~ upper && face != room ".h" && $4 != "files/settings.h" && $4 != "analyze/linear.h") print
       else if (at[1] == "src" && room ~ /^(common|daemon|users|apc|apc-ui)$/) print
-    }' upper='^(files|operate|experiment|record|figures|analyze|simulation)$'
+    }' upper='^(files|operate|experiment|record|figures|analyze|simulation|check)$'
 }
 # a replay and a branch look into a controller; what runs a folder knows how its rows lie
 found=$(strangers "$APC_SOURCE_DIR/src" "$APC_SOURCE_DIR/apps" | grep -vE '^src/simulation/(replay_internal\.h|branch\.c):.*"modules/controller\.h"|^apps/apc/folder/folder\.c:.*"record/samples_columns\.h"' || true)
 [ -z "$found" ] || fail "included past a room's face: $found"
 [ -n "$(strangers "$APC_SOURCE_DIR/src/simulation")" ] || fail "a replay does not look into a controller: this test sees nothing"
 
-# A function's name stands for one thing: no two files define the same.
+# A name stands for one thing: no two files define the same function or type, and a message begins with one that there is.
 # Promise(run/room-knows-table)
 python3 "$(dirname "$0")/names.py" "$APC_SOURCE_DIR" >"$work/names"
-[ "$(wc -l <"$work/names")" = 1 ] || fail "names of two functions: $(sed '$d' "$work/names")"
-[ "$(cat "$work/names")" -gt 5000 ] || fail "only $(cat "$work/names") functions: this test sees nothing"
+[ "$(wc -l <"$work/names")" = 1 ] || fail "names of two things, or of none: $(sed '$d' "$work/names")"
+[ "$(cat "$work/names")" -gt 5000 ] || fail "only $(cat "$work/names") names: this test sees nothing"
 mkdir -p "$work/src/one" "$work/apps/two"
 for file in src/one/here.c apps/two/there.c apps/two/there_none.c; do
-  printf 'static int unlike_%s(void)\n{\n    return 0;\n}\n\nbool APC_PRINTF(1, 2)\n    alike(const char *fmt,\n          ...)\n{\n    return fmt;\n}\n' \
+  printf 'static int unlike_%s(void)\n{\n    fail("apc_alike: no");\n}\n\nbool APC_PRINTF(1, 2)\n    alike(const char *fmt,\n          ...)\n{\n    return fmt;\n}\n' \
     "$(basename "$file" .c)" >"$work/$file"
 done
+printf 'struct apc_alike {\n    int x;\n};\n' | tee "$work/src/one/one.h" >"$work/apps/two/two.h"
+printf 'int apc_there(void)\n{\n    fail("apc_there: no");\n    fail("apc_gone: no");\n}\n' >"$work/src/one/gone.c"
 python3 "$(dirname "$0")/names.py" "$work" >"$work/names"
-printf '%s\n' 'alike is defined in 3 files: apps/two/there.c apps/two/there_none.c src/one/here.c' 4 | cmp - "$work/names" ||
-  fail "names of two functions are not found: $(cat "$work/names")"
+printf '%s\n' 'alike is defined in 3 files: apps/two/there.c apps/two/there_none.c src/one/here.c' \
+  'struct apc_alike is defined in 2 files: apps/two/two.h src/one/one.h' 'apc_gone speaks in src/one/gone.c, and is not there' 6 |
+  cmp - "$work/names" || fail "names of two things are not found: $(cat "$work/names")"

@@ -162,7 +162,7 @@ static void a_board_has_one_or_two_of_each(void **state)
     (void)state;
 
     o.size = 1;
-    assert_board(&o, "apc_board_options: size is 1");
+    assert_board(&o, "apc_tclab_options: size is 1");
     for (size_t n = 0; n <= 3; n += 3) {
         o = good;
         o.nu = n;

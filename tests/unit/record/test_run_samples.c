@@ -416,7 +416,7 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
 /* As of a run that ended before its plant had answered. */
 static void a_record_without_rows_is_kept_and_read(void **state)
 {
-    struct apc_record *const rows = calloc(1, sizeof *rows);
+    struct apc_samples *const rows = calloc(1, sizeof *rows);
     (void)state;
 
     assert_non_null(rows);
@@ -424,12 +424,12 @@ static void a_record_without_rows_is_kept_and_read(void **state)
     char *const csv = strdup(scratch_path("samples.csv")), *const columns =
                                                                strdup(scratch_path("samples.columns"));
     assert_true(csv && columns);
-    apc_record_keep(csv, columns);
+    apc_samples_keep(csv, columns);
     assert_int_equal(access(columns, R_OK), 0);
-    assert_int_equal(apc_record_read(rows, csv, columns, &why), 0);
+    assert_int_equal(apc_samples_read(rows, csv, columns, &why), 0);
     assert_int_equal(rows->n, 0);
     assert_int_equal(rows->n_variables, 0);
-    apc_record_free(rows);
+    apc_samples_free(rows);
     remove(columns);
     remove(csv);
     free(columns);
@@ -447,7 +447,7 @@ static void a_file_from_a_spreadsheet_has_the_same_columns(void **state)
     static const int8_t of_small[] = {1, 2};
     (void)state;
     for (size_t i = 0; i < 2; i++) {
-        struct apc_record rows = {0};
+        struct apc_samples rows = {0};
         int32_t variable[2];
         int8_t small[3];
         int64_t ns[3];
@@ -460,11 +460,11 @@ static void a_file_from_a_spreadsheet_has_the_same_columns(void **state)
         assert_int_equal(rows.n_variables, 2);
         assert_true(rows.table[0] == APC_SENSOR && rows.id[0] == 1 && rows.table[1] == APC_ACTUATOR &&
                     rows.id[1] == 2);
-        apc_record_spread(&rows, 1, 2, of_variable, sizeof *of_variable, variable);
+        apc_samples_spread(&rows, 1, 2, of_variable, sizeof *of_variable, variable);
         assert_true(variable[0] == 8 && variable[1] == 7);
-        apc_record_spread(&rows, 0, 3, of_small, sizeof *of_small, small);
+        apc_samples_spread(&rows, 0, 3, of_small, sizeof *of_small, small);
         assert_true(small[0] == 1 && small[1] == 2 && small[2] == 1);
-        apc_record_times(&rows, 1000, ns);
+        apc_samples_times(&rows, 1000, ns);
         assert_true(ns[0] == 1000 - 500000000 && ns[1] == 1000 &&
                     ns[2] == 1000 + INT64_C(1000000000000000000));
         samples_forget(&rows);

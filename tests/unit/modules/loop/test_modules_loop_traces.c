@@ -564,7 +564,7 @@ static void test_what_begins_a_hold_and_what_ends_it(void **state)
 
         for (int bits = 0; bits < 4 && to != APC_LOOP_BACKUP; bits++) {
             const struct apc_loop_inputs f = {.target = APC_MODE_AUTO, .input = bits & 1};
-            struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
+            struct apc_loop_memory l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
 
             apc_loop_settle(&l, &f, (enum apc_loop_state)to, 9, 0);
             assert_int_equal(l.state, to);
@@ -584,7 +584,7 @@ static void test_in_backup_a_hold_is_of_the_backup_law(void **state)
     (void)state;
     for (int bits = 0; bits < 8; bits++) {
         const struct apc_loop_inputs f = {.target = APC_MODE_AUTO, .input = bits & 1, .bare = bits & 4};
-        struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
+        struct apc_loop_memory l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
 
         assert_false(apc_loop_bridges(&l, 6, 5)); /* it does not act yet */
         apc_loop_settle(&l, &f, APC_LOOP_BACKUP, 9, 0);
@@ -604,7 +604,7 @@ static void test_who_asks_from_above_and_who_is_linked(void **state)
         for (int bits = 0; bits < 16; bits++) {
             const struct apc_loop_inputs f = {
                 .target = bits & 1 || to == APC_LOOP_CAS ? APC_MODE_CAS : APC_MODE_AUTO, .remote = bits & 2};
-            struct apc_loop l = {.linked = bits & 4, .asked = bits & 8 ? 7 : 0};
+            struct apc_loop_memory l = {.linked = bits & 4, .asked = bits & 8 ? 7 : 0};
             const bool linked = to == APC_LOOP_CAS || (to == APC_LOOP_HOLD && f.remote && bits & 4),
                        asks = f.target == APC_MODE_CAS && to != APC_LOOP_SHADOW && !linked;
 
@@ -620,7 +620,7 @@ static void test_who_asks_from_above_and_who_is_linked(void **state)
 
 static void test_only_its_own_answer_lets_a_loop_into_cas(void **state)
 {
-    const struct apc_loop l = {.asked = 7};
+    const struct apc_loop_memory l = {.asked = 7};
     const struct apc_loop_above good = {.target = APC_MODE_CAS,
                                         .theirs = true,
                                         .fresh = true,
@@ -670,7 +670,7 @@ static void test_a_measurement_cannot_follow_the_way_that_it_lacks(void **state)
 
 static void test_the_bits_of_a_status_go_both_ways(void **state)
 {
-    struct apc_loop loop = {.state = APC_LOOP_CAS, .linked = true};
+    struct apc_loop_memory loop = {.state = APC_LOOP_CAS, .linked = true};
 
     (void)state;
     for (unsigned limited = 0; limited < 4; limited++) {
