@@ -124,6 +124,15 @@ fi
 
 # ---- plain words
 
+# Promise(docs/names): Each word of a name that a user types or reads is one of the glossary, or an ordinary one.
+scripts/names || fail "a name is not explained"
+mkdir -p "$work/named"
+cp -r --parents scripts/names man/names docs/glossary.md docs/experiment-file.md docs/http-api.md docs/openapi.json sql \
+  python/src/libapc/_apc.pyi python/src/libapc/__init__.py "$work/named"
+printf '| `quux_period` | s |\n' >>"$work/named/docs/experiment-file.md"
+! "$work/named/scripts/names" 2>"$work/wrong" || fail "a name that nobody explains is taken"
+grep -qx 'scripts/names: "quux" is neither in docs/glossary.md nor in man/names (experiment file: quux_period)' "$work/wrong" || fail "found: $(cat "$work/wrong")"
+
 sentence() { printf 'word %.0s' $(seq "$1"); echo '`apc`.'; }
 { sentence 17; sentence 35 | fold -s -w 80; printf '\n| %s |\n' "$(sentence 60)"; echo 'Of whoever writes.'; sentence 30; } >"$work/bad.md"
 # Promise(docs): scripts/prose finds a sentence that is too long or has no subject first, a line that is too wide and a word to avoid.
