@@ -259,7 +259,12 @@ int command_report(int argc, char **argv)
     const bool json = options.json;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
-    if (rc == 0 && access(path, F_OK) != 0)
+    const bool complete = rc == 0 && access(path, F_OK) == 0;
+    if (complete && cli.store_given) {
+        experiment_free(&e);
+        return cli_usage(&cli, "%.300s has its own record, samples.csv: leave --store out", cli.args[0]);
+    }
+    if (rc == 0 && !complete)
         rc = recover(&cli, &e, json ? stderr : stdout, &why);
     if (rc == 0 && (options.from || options.to || options.at)) {
         const int status =

@@ -363,9 +363,11 @@ static void print_simulation_json(const struct simulate *r, const struct figures
     }
     apc_inproc_stats(r->s.exchange, &link);
     json_add(&t,
-             "}, network:{frames:%ju, lost:%ju, duplicated:%ju, reordered:%ju, exchanges:%ju, in_vain:%ju}",
+             "}, network:{frames:%ju, lost:%ju, duplicated:%ju, reordered:%ju, exchanges:%ju, failed:%ju, "
+             "in_vain:%ju}",
              link.frames.sent, link.frames.lost, link.frames.duplicated, link.frames.reordered,
-             link.exchanges, link.timeouts);
+             link.exchanges, link.timeouts,
+             link.timeouts); /* in_vain is the name before: for one more version */
     json_add(&t, "held_ticks:%ju, law_failures:%ju", simulation_held(&r->s), simulation_failures(&r->s));
     print_json_parameters(r, &t);
     figures_members(figures, &r->s.trajectory, &r->e, &t);

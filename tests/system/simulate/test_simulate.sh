@@ -70,6 +70,11 @@ grep -q '^exchange,run,' "$work/run/timing-summary.csv" || fail "how long exchan
 loops() { python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["loops"])' "$1"; }
 # Promise(simulation): `--json` of simulation and report say the same.
 cmp <(loops "$work/simulated.json") <(loops "$work/reported.json") || fail "the folder's figures are not the simulation's"
+expect 2 'has its own record, samples.csv: leave --store out' "$apc" report "$work/run" --store sqlite:other.db
+# Promise(laws/former-json)
+python3 "$APC_SOURCE_DIR/tests/system/former.py" "$work/reported.json" recovery_s=return_s \
+  uncontrolled_percent=without_control_percent kpis=merits || fail "the report's JSON lacks former names"
+python3 "$APC_SOURCE_DIR/tests/system/former.py" "$work/simulated.json" failed=in_vain || fail "the simulation's JSON lacks a former name"
 grep -q '"of":"plant"' "$work/reported.json" || fail "of what the figures are is not said"
 grep -q "sha256\":\"$(sed -n 's/^sha256:  //p' "$work/simulated.txt")\"" "$work/simulated.json" || fail "no SHA-256 in the JSON"
 # Whatever names and numbers there are, what --json prints is JSON of RFC 8259, in which NaN is none: with quotes,
