@@ -148,7 +148,9 @@ static void read_actuator_fault(struct settings *s, const config_setting_t *grou
                       APC_VALUE_MAX / 2, &fault->size);
     read_fault_number(s, group, "jump", k == APC_ACTUATOR_STICTION, 0, APC_VALUE_MAX / 2, &fault->jump);
     read_fault_number(s, group, "low", ends, tag->low, tag->high, &fault->low);
-    read_fault_number(s, group, "high", ends, ends ? fault->low : tag->low, tag->high, &fault->high);
+    read_fault_number(s, group, "high", ends, tag->low, tag->high, &fault->high);
+    if (ends && fault->high < fault->low)
+        settings_fail(s, group, "\"low\" is %.15g: must be at most \"high\", %.15g", fault->low, fault->high);
     if (s->failed || k != APC_ACTUATOR_REVERSE)
         return;
     fault->low = tag->low;

@@ -44,7 +44,9 @@ static void read_bounds(struct settings *s, const config_setting_t *group, enum 
     struct apc_tag *tag = &signal->tag;
     double display[2] = {0, 0}, soft[2] = {-HUGE_VAL, HUGE_VAL};
     settings_number(s, group, "low", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &tag->low);
-    settings_number(s, group, "high", OPTIONAL, tag->low, APC_VALUE_MAX, &tag->high);
+    settings_number(s, group, "high", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &tag->high);
+    if (tag->high < tag->low)
+        settings_fail(s, group, "\"low\" is %.15g: must be at most \"high\", %.15g", tag->low, tag->high);
     read_range(s, group, "display", tag, false, display);
     read_range(s, group, "soft", tag, true, soft);
     tag->display_low = display[0];

@@ -204,5 +204,9 @@ int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record 
     int rc = record_read(record, path, why);
     if (rc == 0 && folder && access(path, F_OK) != 0)
         rc = apc_fail(why, APC_ENOTFOUND, "%s is no run folder: it has no run.conf", name);
+    if (rc == 0 && access(path, F_OK) != 0 && errno == ENOENT)
+        rc = apc_fail(why, APC_ENOTFOUND,
+                      "%s: there is no such file or folder: expected an experiment file or a run folder",
+                      name);
     return rc == 0 ? settings_read(path, text, why) : rc;
 }

@@ -133,6 +133,8 @@ void settings_number_at(struct settings *s, const config_setting_t *at, const ch
     double number;
     if (!number_of_setting(at, &number))
         settings_fail(s, at, "\"%s\" must be a finite number", name);
+    else if (!(number >= low) && high >= APC_VALUE_MAX)
+        settings_fail(s, at, "\"%s\" is %.15g: must be at least %.15g", name, number, low);
     else if (!(number >= low && number <= high))
         settings_fail(s, at, "\"%s\" is %.15g: must be from %.15g to %.15g", name, number, low, high);
     else

@@ -22,7 +22,8 @@ int spools_look(struct spools *spools, const char *dir, struct apc_error *why)
     int rc = 0, n = scandir(dir, &names, is_spool, alphasort);
     spools->n = 0;
     if (n < 0)
-        return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", dir, strerror(errno));
+        return apc_fail(why, APC_ENOTFOUND, "%s: %s: expected the folder of a run, or one of spools", dir,
+                        strerror(errno));
     for (int i = 0; i < n; i++) {
         if (spools->n < SPOOLS_MAX) {
             char *path = spools->path[spools->n];

@@ -77,8 +77,8 @@ static void show_longer_period(const struct apc_record *r)
         const size_t gaps = gaps_at(r, step);
 
         if (gaps * step < r->n / 100) {
-            printf("each %g s there are %s: --period %g is what arx, subspace and fir want\n",
-                   (double)step * r->Ts, gaps ? "nearly all" : "all", (double)step * r->Ts);
+            printf("model transfer needs no more; arx, subspace and fir do: with --period %g %s have one\n",
+                   (double)step * r->Ts, gaps ? "nearly all" : "all");
             return;
         }
     }
@@ -92,8 +92,8 @@ static void show_record(const struct identification *z)
     identify_show_samples(z);
     for (size_t i = 0; i < r->ny; i++)
         if (d->gaps[i].missing)
-            printf("%s: %zu samples are missing, %zu the most at a time\n", d->output[i], d->gaps[i].missing,
-                   d->gaps[i].longest);
+            printf("%s: %zu of %zu instants have no sample, at most %zu in a row\n", d->output[i],
+                   d->gaps[i].missing, r->n, d->gaps[i].longest);
     show_longer_period(r);
     for (size_t i = 0; i < r->ny && !z->own.validate; i++)
         if (reach(z, i, true) < 0.2 * reach(z, i, false))

@@ -23,7 +23,7 @@ for program in "${daemons[@]}"; do
   expect 0 'libapc' "$APC_BIN/$program" --version
   expect 2 'unrecognized option' "$APC_BIN/$program" --no-such-option
   expect 2 'no experiment file: give --config' "$APC_BIN/$program"
-  expect 1 'nowhere\.conf: cannot be read' "$APC_BIN/$program" --config "$work/nowhere.conf"
+  expect 1 'nowhere\.conf: there is no such file or folder' "$APC_BIN/$program" --config "$work/nowhere.conf"
   expect 2 'start.*2026-01-31T12:00:00Z' "$APC_BIN/$program" --config "$good" --start yesterday
   expect 1 'timer.*sundial.*deadline' "$APC_BIN/$program" --config "$good" --timer sundial
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
@@ -118,6 +118,12 @@ expect 3 'nowhere/plant\.db cannot be made: its folder: No such file' "$apc" ini
 expect 1 'path is too long: at most 504' "$apc" init --store "sqlite:/tmp/$(printf 'x%.0s' {1..500})"
 mkfifo "$work/left.spool"
 expect 1 'left\.spool is no regular file' "$apc" drain "$work"
+# a path that leads nowhere: what was expected there
+for command in report run simulate replay monitor analyze "tune --suggest"; do
+  # shellcheck disable=SC2086
+  expect 1 'gone: there is no such file or folder: expected an experiment file or a run folder' "$apc" $command "$work/gone"
+done
+expect 1 'gone: No such file or directory: expected the folder of a run, or one of spools' "$apc" drain "$work/gone"
 expect 1 'left\.spool is no regular file' "$apc" status --spool "$work"
 rm "$work/left.spool"
 for command in "init $good" "run $good" get; do

@@ -24,7 +24,7 @@ def table(document, source):
     for line in open(document, encoding="utf-8"):
         cells = [cell.strip() for cell in line.split(" | ")]
         name = re.fullmatch(r"\| `([a-z/-]+)`", cells[0])
-        if name and len(cells) == 4:
+        if name and len(cells) == 3:
             knows = set(re.findall(r"`([a-z/-]+)`", cells[2]))
             if "src" in knows:
                 knows = knows - {"src"} | {room for room in rooms if any(os.path.exists(os.path.join(source, "src", room + end)) for end in ("", ".c"))}

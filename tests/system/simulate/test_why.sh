@@ -42,7 +42,7 @@ refused 1 'no tick before it is on record' layers v1@0.05
 refused 2 'must be seconds since the start' layers v1@noon
 refused 2 'expected OUTPUT' layers @3
 refused 2 'a run folder, layers, or --store: one of them' layers v1@703 --store sqlite:layers/ticks.db
-refused 1 'none: cannot be read' none v1@3
+refused 1 'none: there is no such file or folder' none v1@3
 # Promise(simulation/why-output-moved)
 cp -r layers damaged
 sqlite3 damaged/ticks.db "UPDATE sample SET value = 6.4 WHERE variable & 15 = 3 AND value = 6.5"

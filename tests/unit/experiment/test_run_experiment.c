@@ -488,7 +488,7 @@ static void a_file_that_is_not_there_or_no_text_is_refused(void **state)
     struct apc_error why;
     (void)state;
     assert_int_equal(experiment_load(&e, "/nowhere/at.all", 0, NULL, &why), APC_ENOTFOUND);
-    assert_non_null(strstr(why.text, "/nowhere/at.all: cannot be read"));
+    assert_non_null(strstr(why.text, "/nowhere/at.all: there is no such file or folder"));
     assert_int_equal(experiment_load(&e, APC_SOURCE_DIR "/tests", 0, NULL, &why), APC_ENOTFOUND);
     assert_non_null(strstr(why.text, "/tests is no run folder: it has no run.conf"));
     FILE *out = fopen(path, "w");
