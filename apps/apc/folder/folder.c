@@ -201,6 +201,18 @@ static int put_experiment(const char *dir, const struct experiment *e, struct ap
     return rc;
 }
 
+int folder_make(const char *dir, bool force, struct apc_error *why)
+{
+    const int rc = make_folders(dir, why);
+    if (rc == 0 && !force && !is_empty(dir))
+        return apc_fail(
+            why, APC_EPERM,
+            "%s is not empty: give a folder of its own to this run, or --force to write over what "
+            "is there",
+            dir);
+    return rc;
+}
+
 int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why)
 {
     /* Known before the run: its ticks are kept in a file of SQLite. */
@@ -208,15 +220,9 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
     int rc = apc_store_open(&ticks, "sqlite:" TICKS_FILE, NULL, why);
     apc_store_close(ticks);
     if (rc == 0)
-        rc = make_folders(dir, why);
+        rc = folder_make(dir, force, why);
     if (rc < 0)
         return rc;
-    if (!force && !is_empty(dir))
-        return apc_fail(
-            why, APC_EPERM,
-            "%s is not empty: give a folder of its own to this run, or --force to write over what "
-            "is there",
-            dir);
     rc = put_experiment(dir, e, why);
     if (rc == 0)
         rc = copy_laws(dir, e, why);

@@ -26,10 +26,11 @@ struct folder_facts {
  * begin in the same second each gets its own. Its path goes to @p dir.
  */
 int folder_choose(char *dir, size_t size, const char *name, struct apc_error *why);
+/* Make the folder and its parents. One that is not empty is refused, unless @p force. */
+int folder_make(const char *dir, bool force, struct apc_error *why);
 /*
- * Make the folder (and its parents) for @p e and what its record consists of, under names which folder_keep()
- * makes the real ones: until then a run that was there before keeps its own. A folder that is not empty is
- * refused, unless @p force.
+ * The same for @p e and what its record consists of, under names which folder_keep()
+ * makes the real ones: until then a run that was there before keeps its own.
  */
 int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why);
 /* From here on the folder is this run's: what else was there of another one goes. */

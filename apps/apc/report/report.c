@@ -21,15 +21,15 @@ static void put_run(FILE *script, void *ctx)
     report_panels_put(script, f->panels);
 }
 
-static int draw_run(const char *dir, const struct report_data *data, const struct experiment *e,
-                    const char *title, struct apc_error *why)
+static int draw_run(const char *dir, const char *called, const struct report_data *data,
+                    const struct experiment *e, const char *title, struct apc_error *why)
 {
     struct figure f = {.title = title};
     char *name = NULL;
     int rc = report_histograms_create(&f.histograms, data, e);
     if (rc == 0)
         rc = report_panels_create(&f.panels, data, e);
-    if (rc == 0 && asprintf(&name, "%s/report", dir) < 0)
+    if (rc == 0 && asprintf(&name, "%s/%s", dir, called) < 0)
         rc = APC_ENOMEM;
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : gnuplot_figure(name, figure_report, put_run, &f, why);
     report_panels_destroy(f.panels);
@@ -60,10 +60,23 @@ int report_leave(const struct cli *cli, const char *dir, const struct experiment
 
     if (read == 0 && expected)
         show_prediction_horizon(&data, expected);
-    const int drawn = read == 0 ? draw_run(dir, &data, e, title, why) : read;
+    const int drawn = read == 0 ? draw_run(dir, "report", &data, e, title, why) : read;
     report_free(&data);
     if (read == 0 && drawn < 0)
         cli_error(cli, drawn, "there is no figure: %s; `apc report %s` draws it once that is mended",
                   why->text, dir);
     return read < 0 ? read : drawn == 0;
+}
+
+int report_leave_part(const char *dir, const struct experiment *e, const char *title,
+                      const struct report_part *part, struct apc_error *why)
+{
+    struct report_data data;
+    int rc = report_read(&data, dir, why);
+    if (rc == 0) {
+        report_clip(&data, part->begin, part->end);
+        rc = draw_run(dir, part->name, &data, e, title, why);
+    }
+    report_free(&data);
+    return rc;
 }

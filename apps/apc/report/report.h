@@ -19,5 +19,12 @@
  */
 int report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
                  const struct prediction *expected, struct apc_error *why);
+/** The same of what happened from `begin` to `end`, in s, as NAME.svg and NAME.png there. Returns 0 or an error. */
+struct report_part {
+    const char *name;
+    double begin, end;
+};
+int report_leave_part(const char *dir, const struct experiment *e, const char *title,
+                      const struct report_part *part, struct apc_error *why);
 
 #endif

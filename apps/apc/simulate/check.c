@@ -4,9 +4,11 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "apc/common/cli.h"
 #include "apc/common/setting.h"
+#include "apc/folder/folder.h"
 #include "trial.h"
 #include "worker_pool.h"
 
@@ -15,6 +17,8 @@ struct check_options {
     unsigned runs, jobs; /* 0: the scenario's; one a CPU */
     uint64_t seed;
     bool seeded;
+    const char *report;
+    bool force;
     struct setting_list set;
 };
 
@@ -36,13 +40,20 @@ static const struct option_spec own_options[] = {
      "of "
      "times",
      OPTION_OWN, AT(set), .take = setting_add},
+    {"report", 'o', "DIR",
+     "Leave the run folder of each run that is told of as failed there, as DIR/NAME-SEED, with a figure "
+     "around each "
+     "failure",
+     OPTION_TEXT, AT(report)},
+    {"force", 0, NULL, "Write over what is in such a folder", OPTION_FLAG, AT(force)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "SCENARIO...",
     .doc = "Run scenarios in virtual time and judge what is expected of them: an experiment with faults, "
-           "disturbances and an operator's actions, and what is to become of it, as `never y2 < 20`. Exits "
+           "disturbances and an operator's actions, and what is to become of it, as `never y2 < 20`. Of what "
+           "failed it says as `apc why` why the output moved that answers for it. Exits "
            "with 0 if all held, 1 if some did not, 2 if a scenario is wrong: then nothing was run.",
     .min_args = 1,
     .max_args = -1,
@@ -132,6 +143,14 @@ static int load_scenarios(struct check *c)
         if (check_runs(c, of) < 0)
             rc = EXIT_USAGE;
     }
+    if (rc == EXIT_OK && c->options.report) {
+        umask(077); /* the record of a plant is its owner's */
+        const int made = folder_make(c->options.report, c->options.force, &why);
+        if (made < 0) {
+            cli_error(&c->cli, made, "%s", why.text);
+            rc = EXIT_USAGE;
+        }
+    }
     return rc;
 }
 
@@ -179,18 +198,21 @@ int command_check(int argc, char **argv)
     struct check c = {.n = 0};
     struct apc_error why;
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
+    const struct check_report report = {&c.cli, c.options.report, c.options.force};
     int code = load_scenarios(&c);
     if (code == EXIT_OK) {
         int rc = run_scenarios(&c, &why);
         if (rc < 0)
             code = cli_error(&c.cli, rc, "%s", why.text);
         for (size_t i = 0; i < c.n && code == EXIT_OK && c.pool; i++)
-            if ((rc = checked_why(&c.of[i], &why)) < 0)
+            if ((rc = checked_why(&c.of[i], &report, &why)) < 0)
                 code = cli_error(&c.cli, rc, "%s", why.text);
         if (c.pool && (any_broken(&c) || checked_print(c.of, c.n, c.options.format) > 0))
             code = EXIT_ERROR;
     }
     worker_pool_destroy(c.pool, c.size);
+    if (c.options.report)
+        remove(c.options.report); /* fails, as it should, when there is more in it */
     for (size_t i = 0; i < c.n; i++) {
         checked_why_free(&c.of[i]);
         scenario_free(&c.of[i].scenario);

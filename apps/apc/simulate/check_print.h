@@ -5,6 +5,7 @@
 
 #include <stdio.h>
 
+#include "apc/common/cli.h"
 #include "check/check.h"
 
 /* One run of a scenario, in memory that processes share. */
@@ -39,9 +40,15 @@ struct check_outcome checked_outcome(const struct checked *c, size_t expectation
 /* What was around a failure, in one line; "": nothing is known. */
 void checked_near(const struct checked *c, const struct check_outcome *o, size_t expectation, char *text,
                   size_t size);
+/* What is to be left of runs that failed. */
+struct check_report {
+    const struct cli *cli;
+    const char *dir; /* there a run folder of each; NULL: nothing */
+    bool force;      /* over what is in it */
+};
 /* Into @p c->why, to be freed by checked_why_free(): each run that is told of is made once more. Returns 0 or a
  * negative error: what cannot be explained is none. */
-int checked_why(struct checked *c, struct apc_error *why);
+int checked_why(struct checked *c, const struct check_report *report, struct apc_error *why);
 void checked_why_free(struct checked *c);
 /* All of them, to stdout. Returns how many did not hold. */
 size_t checked_print(const struct checked *c, size_t n, enum check_format format);

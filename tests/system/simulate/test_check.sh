@@ -41,6 +41,23 @@ grep -q '^  why: "v1: .* Cas -> Auto' why.tap || fail "TAP says nothing of why: 
 "$apc" check --format junit $scenarios/left.scenario >why.xml && fail "it held"
 grep -q '<failure message="mode v1 is Auto at 710 s">v1: .* Cas -&gt; Auto' why.xml ||
   fail "JUnit says nothing of why, or something else before: $(cat why.xml)"
+# Promise(simulation/check-report): `apc check --report DIR` leaves the run folder of each run that it tells of as
+#   failed, with a figure around each failure; of those that held it leaves nothing.
+"$apc" check $lost --report none >/dev/null
+[ ! -e none ] || fail "a run that held left something"
+"$apc" check $scenarios/left.scenario $lost --report failed >report.txt && fail "it held"
+grep -q '^            run folder: failed/left-1' report.txt || fail "no folder is named: $(cat report.txt)"
+[ "$(ls failed)" = left-1 ] || fail "other folders: $(ls failed)"
+"$apc" why failed/left-1 v1@703 | head -n 1 | grep -qF "$(cat asked.txt)" || fail "the folder is another run's"
+if command -v gnuplot >/dev/null; then
+  for n in 1 2; do
+    grep -q "run folder: failed/left-1, failed-$n.png, failed-$n.svg" report.txt || fail "no figure $n: $(cat report.txt)"
+    [ -s failed/left-1/failed-$n.png ] && [ -s failed/left-1/failed-$n.svg ] || fail "there is no figure $n"
+  done
+fi
+expect 2 '^apc check: failed is not empty: give a folder of its own' "$apc" check $scenarios/left.scenario --report failed
+"$apc" check $scenarios/left.scenario --report failed --force >again.txt && fail "it held"
+diff <(grep left report.txt) <(grep left again.txt) || fail "something else with --force"
 # Of a scenario of many runs the first that failed is explained.
 "$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01 >many.txt && fail "it held"
 grep -q '^            v1: .* tick at' many.txt || fail "no answer: $(cat many.txt)"
