@@ -26,24 +26,34 @@ static void name_status_rows(struct apc_sample *row, const struct loops *loops, 
 static int read_all(struct status_loops *s, struct apc_store *store)
 {
     const size_t n = s->plant->loops.n * LOOP_ROWS;
+    const size_t n_ticks = s->plant->loops.n_controllers;
     struct apc_sample *there = calloc(n + 1, sizeof *there);
-    struct apc_rows rows = {
-        .size = sizeof rows, .sample = there, .vector = s->tick, .n_vectors = s->plant->loops.n_controllers};
-    if (!there)
+    struct apc_vector *tick = calloc(n_ticks + 1, sizeof *tick);
+    struct apc_rows rows = {.size = sizeof rows, .sample = there, .vector = tick};
+    if (!there || !tick) {
+        free(tick);
+        free(there);
         return APC_ENOMEM;
+    }
     for (size_t i = 0; i < n; i++)
         if (s->row[i].table)
             there[rows.n_samples++] = s->row[i];
-    int rc = apc_store_read_rows(store, &rows);
+    for (size_t i = 0; i < n_ticks; i++)
+        if (s->tick[i].table)
+            tick[rows.n_vectors++] = s->tick[i];
+    const int rc = rows.n_samples > 0 ? apc_store_read_rows(store, &rows) : 0;
     for (size_t i = 0, k = 0; i < n && rc >= 0; i++)
         if (s->row[i].table)
             s->row[i] = there[k++];
+    for (size_t i = 0, k = 0; i < n_ticks && rc >= 0; i++)
+        if (s->tick[i].table)
+            s->tick[i] = tick[k++];
+    free(tick);
     free(there);
     return rc;
 }
 
-int status_loops_load(struct status_loops *s, struct apc_store *store, const struct cli_plant *plant,
-                      const struct timing *timing)
+static int make_loops(struct status_loops *s, const struct cli_plant *plant, const struct timing *timing)
 {
     const struct loops *l = &plant->loops;
     *s = (struct status_loops){.plant = plant,
@@ -53,13 +63,58 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
                                .plan = calloc(l->n_controllers + 1, sizeof *s->plan),
                                .timing = timing};
     s->view = (struct plant_view){plant->tags.tag, plant->tags.n, l};
-    if (ramps_init(&s->ramps, &s->view, NULL) < 0 || !s->row || !s->tick || !s->reason || !s->plan)
-        return APC_ENOMEM;
+    return ramps_init(&s->ramps, &s->view, NULL) == 0 && s->row && s->tick && s->reason && s->plan
+               ? 0
+               : APC_ENOMEM;
+}
+
+static struct apc_vector tick_of_controller(const struct loops_controller *controller)
+{
+    return (struct apc_vector){.table = APC_TICK, .id = controller->number};
+}
+
+const struct loops_loop *status_loop_of_entry(const struct loops *loops, const struct apc_sample *of)
+{
+    const bool may_be_set = of->table == APC_SETPOINT || of->table == APC_MANUAL || of->table == APC_ACTUATOR;
+    return may_be_set ? loops_of(loops, of->table, of->id) : NULL;
+}
+
+int status_entries_load(struct status_loops *s, struct apc_store *store, const struct cli_plant *plant,
+                        const struct apc_sample *of, size_t n, bool ramps)
+{
+    const struct loops *l = &plant->loops;
+    bool any = false;
+    int rc = make_loops(s, plant, NULL);
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        const struct loops_loop *loop = status_loop_of_entry(l, &of[i]);
+        if (!loop)
+            continue;
+        struct apc_sample *row = s->row + LOOP_ROWS * (size_t)(loop - l->at);
+        name_status_rows(row, l, loop);
+        row[LOOP_SP].table = row[LOOP_OWNER].table = row[LOOP_PV].table = (enum apc_table)0;
+        s->tick[loop->controller] = tick_of_controller(&l->controller[loop->controller]);
+        any |= of[i].table != APC_ACTUATOR;
+    }
+    if (rc == 0)
+        rc = read_all(s, store);
+    if (rc >= 0 && ramps && any)
+        rc = ramps_read(&s->ramps, store);
+    s->now = apc_store_now(store);
+    return rc < 0 ? rc : 0;
+}
+
+int status_loops_load(struct status_loops *s, struct apc_store *store, const struct cli_plant *plant,
+                      const struct timing *timing)
+{
+    const struct loops *l = &plant->loops;
+    int rc = make_loops(s, plant, timing);
+    if (rc < 0)
+        return rc;
     for (size_t i = 0; i < l->n; i++)
         name_status_rows(s->row + LOOP_ROWS * i, l, &l->at[i]);
     for (size_t i = 0; i < l->n_controllers; i++)
-        s->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->controller[i].number};
-    int rc = read_all(s, store);
+        s->tick[i] = tick_of_controller(&l->controller[i]);
+    rc = read_all(s, store);
     for (size_t i = 0; i < l->n_controllers && rc >= 0; i++)
         rc = status_plan_load(&s->plan[i], store, &plant->tags, l->controller[i].name);
     if (rc >= 0)

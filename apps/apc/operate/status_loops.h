@@ -26,7 +26,12 @@ struct status_loops {
 /* Read them. Returns 0, APC_ENOMEM or the store's error; status_loops_free() in either case. */
 int status_loops_load(struct status_loops *s, struct apc_store *store, const struct cli_plant *plant,
                       const struct timing *timing);
+/* No more than what stands beside an entry of @p n samples: notes and, if asked for, ramps. */
+int status_entries_load(struct status_loops *s, struct apc_store *store, const struct cli_plant *plant,
+                        const struct apc_sample *of, size_t n, bool ramps);
 void status_loops_free(struct status_loops *s);
+/* The loop that has that setpoint or output; NULL: none has. */
+const struct loops_loop *status_loop_of_entry(const struct loops *loops, const struct apc_sample *of);
 
 /* Longer without a new sample than @p period lets expect: a measurement or an output is stale then. */
 bool status_is_stale(const struct cli_tags *tags, const struct apc_sample *sample, apc_ns now);

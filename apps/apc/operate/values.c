@@ -29,9 +29,8 @@ static const struct cli_spec get_spec = {
 /* Of a setpoint or an output: what stands between an entry and its effect. NULL: nothing, or it is neither. */
 static const struct entry_note *entry_of_sample(const struct status_loops *loops, const struct apc_sample *s)
 {
-    const bool may_be_set = s->table == APC_SETPOINT || s->table == APC_MANUAL || s->table == APC_ACTUATOR;
     const struct loops *all = &loops->plant->loops;
-    const struct loops_loop *loop = may_be_set ? loops_of(all, s->table, s->id) : NULL;
+    const struct loops_loop *loop = status_loop_of_entry(all, s);
     return loop ? status_loops_entry(loops, (size_t)(loop - all->at)) : NULL;
 }
 
@@ -90,10 +89,10 @@ static int get_text(const struct status_loops *loops, const struct apc_sample *s
 
 /* What is beside an entry, where the store lets it be seen: a role of less than an operator's has the values
  * alone, and `now` stays 0. */
-static void load_entries(struct status_loops *loops, struct apc_store *store, const struct cli_plant *plant)
+static void load_entries(struct status_loops *loops, struct apc_store *store, const struct cli_plant *plant,
+                         const struct apc_sample *samples, int n, bool ramps)
 {
-    static const struct timing none;
-    if (status_loops_load(loops, store, plant, &none) < 0) {
+    if (status_entries_load(loops, store, plant, samples, (size_t)n, ramps) < 0) {
         status_loops_free(loops);
         *loops = (struct status_loops){.plant = plant};
     }
@@ -128,8 +127,8 @@ int command_get(int argc, char **argv)
     if (rc < 0)
         goto out;
     past_show(&past, &cli);
-    if (cli.format != CLI_CSV)
-        load_entries(&loops, past.store, &plant);
+    if (cli.format == CLI_JSON || (cli.format != CLI_CSV && cli.n_args > 0))
+        load_entries(&loops, past.store, &plant, samples, n, cli.format != CLI_JSON);
     if (cli.format == CLI_JSON)
         get_json(&loops, samples, n, &past);
     else if (cli.format == CLI_CSV)
