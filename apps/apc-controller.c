@@ -30,7 +30,7 @@ struct shell {
     struct known_plant plant;
     struct ramps ramps; /* the main thread's */
     unsigned looks;
-    int unmoved; /* the error that ramps met last, which was said */
+    int unread; /* the error with which ramps were last not read, which was said */
 };
 
 #define AT(member) .to = offsetof(struct shell, member)
@@ -246,26 +246,26 @@ static int on_controller_tick(void *ctx, const struct apc_tick *tick)
 
 /* ---- Ramps --------------------------------------------------------------------------------- */
 
-static void say_ramp_ended(void *ctx, const char *text)
+static void say_of_ramp(void *ctx, enum apc_event_severity severity, const char *text)
 {
-    daemon_event(ctx, APC_EVENT_INFO, "ramp", "%s", text);
+    daemon_event(ctx, severity, "ramp", "%s", text);
 }
 
-/* A store that is away keeps them where they are, and is told of elsewhere; one that refuses is told of here. */
+/* A store that is away is told of elsewhere; one that cannot be read for another reason here. */
 static void move_ramps(void *ctx)
 {
     struct shell *s = ctx;
-    const struct ramp_told told = {.ctx = &s->d, .ended = say_ramp_ended};
+    const struct ramp_told told = {.ctx = &s->d, .say = say_of_ramp};
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
     if (s->looks++ % IDLE > 0 || atomic_load(&s->d.idle))
         return;
     const int rc = ramps_step(&s->ramps, daemon_records(&s->d), now, &told);
     if (rc != 0)
         s->looks = 0;
-    if (rc < 0 && rc != s->unmoved && rc != APC_ECONN && rc != APC_ETIMEDOUT)
-        daemon_event(&s->d, APC_EVENT_WARNING, "ramp", "a ramp stands still: %s",
+    if (rc < 0 && rc != s->unread && rc != APC_ECONN && rc != APC_ETIMEDOUT)
+        daemon_event(&s->d, APC_EVENT_WARNING, "ramp", "ramps cannot be read: %s",
                      apc_store_error(daemon_records(&s->d)));
-    s->unmoved = rc < 0 ? rc : 0;
+    s->unread = rc < 0 ? rc : 0;
 }
 
 static int open_ramps(struct shell *s)

@@ -396,6 +396,7 @@ struct ramp {
     const struct apc_tag *tag;
     int64_t moved; /* seq of the row that it was moved to; 0: not yet */
     apc_ns last;   /* mono: when */
+    int refused;   /* with which error the store refused its last step; 0: it did not */
 };
 
 struct ramps {
@@ -415,13 +416,15 @@ int ramps_read(struct ramps *ramps, struct apc_store *store);
 /* How long it still takes, s. */
 double ramp_to_go(const struct ramp *ramp);
 
-/* Told of one that ended: "r: ramp ended at 50"; and of each row that was written. */
+/* Told of one that ended, "r: the ramp arrived at 50", or that the store refuses to move; and of each row that was
+ * written. */
 struct ramp_told {
     void *ctx;
-    void (*ended)(void *ctx, const char *text);
+    void (*say)(void *ctx, enum apc_event_severity severity, const char *text);
     void (*moved)(void *ctx, const struct apc_sample *row); /* NULL: nobody wants to know */
 };
-/* One look: move what is on its way. Returns how many are, or the store's error. */
+/* One look: move what is on its way; where the store refuses one the others go on. Returns how many are on their
+ * way, or the error of a store that is away or cannot be read. */
 int ramps_step(struct ramps *ramps, struct apc_store *store, struct apc_now now,
                const struct ramp_told *told);
 

@@ -152,16 +152,34 @@ static double value_after(const struct ramp *ramp, apc_ns mono)
                      : from;
 }
 
-static void tell_of_end(const struct ramps *r, const struct ramp *ramp, const char *what,
-                        const struct ramp_told *told)
+/* "r: the ramp arrived at 50", with what stands behind it. */
+static void tell_of_ramp(const struct ramps *r, const struct ramp *ramp, enum apc_event_severity severity,
+                         const char *what, const char *behind, const struct ramp_told *told)
 {
     char text[192], value[DECIMAL_LEN];
     struct change_target to;
     struct change_fault why;
     const bool known = change_at(r->plant, ramp->tag->table, ramp->tag->id, &to, &why) == 0;
-    snprintf(text, sizeof text, "%.60s: the ramp %s %s", known ? to.name : ramp->tag->name, what,
-             decimal_shortest(ramp->now.value, 6, value));
-    told->ended(told->ctx, text);
+    snprintf(text, sizeof text, "%.60s: the ramp %s %s%.80s", known ? to.name : ramp->tag->name, what,
+             decimal_shortest(ramp->now.value, 6, value), behind);
+    told->say(told->ctx, severity, text);
+}
+
+/* A store that is away keeps all of them where they are, and its user says so; one that refuses is told of for
+ * each, once. */
+static bool keeps_all_ramps(int rc)
+{
+    return rc == APC_ECONN || rc == APC_ETIMEDOUT;
+}
+
+static void tell_of_refusal(const struct ramps *r, struct ramp *ramp, struct apc_store *store, int rc,
+                            const struct ramp_told *told)
+{
+    char behind[96];
+    snprintf(behind, sizeof behind, ": %s", apc_store_error(store));
+    if (rc != ramp->refused)
+        tell_of_ramp(r, ramp, APC_EVENT_WARNING, "stands still at", behind, told);
+    ramp->refused = rc;
 }
 
 /* Returns 1: it goes on, 0: it has ended, or the store's error. */
@@ -193,10 +211,12 @@ static int move_ramp(const struct ramps *r, struct ramp *ramp, struct apc_store 
     }
     ramp->moved = goes_on ? ramp->now.seq : 0;
     ramp->last = now.mono;
+    ramp->refused = 0;
     if (!goes_on)
-        tell_of_end(r, ramp, own ? "ended, as its loop is not in Man, at" : "ended: it is", told);
+        tell_of_ramp(r, ramp, APC_EVENT_INFO, own ? "ended, as its loop is not in Man, at" : "ended: it is",
+                     "", told);
     else if (arrives)
-        tell_of_end(r, ramp, "arrived at", told);
+        tell_of_ramp(r, ramp, APC_EVENT_INFO, "arrived at", "", told);
     return goes_on && !arrives;
 }
 
@@ -207,10 +227,15 @@ int ramps_step(struct ramps *r, struct apc_store *store, struct apc_now now, con
         struct ramp *ramp = &r->at[i];
         if (!is_on_its_way(ramp)) {
             ramp->moved = 0;
+            ramp->refused = 0;
             continue;
         }
-        rc = move_ramp(r, ramp, store, now, told);
-        n += rc > 0;
+        const int moved = move_ramp(r, ramp, store, now, told);
+        if (keeps_all_ramps(moved))
+            rc = moved;
+        else if (moved < 0)
+            tell_of_refusal(r, ramp, store, moved, told);
+        n += moved != 0;
     }
     return rc < 0 ? rc : n;
 }

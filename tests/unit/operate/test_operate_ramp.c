@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "shareddata/shareddata_internal.h"
+
 #include "operated_plant.h"
 
 #define S APC_NS_PER_S
@@ -11,10 +13,12 @@ static struct known_plant plant;
 static struct ramps ramps;
 static struct apc_now now;
 static char ended[200];
+static int warnings;
 
-static void take_end(void *ctx, const char *text)
+static void take_said(void *ctx, enum apc_event_severity severity, const char *text)
 {
     (void)ctx;
+    warnings += severity == APC_EVENT_WARNING;
     snprintf(ended, sizeof ended, "%s", text);
 }
 
@@ -30,6 +34,7 @@ static int set_up(void **state)
     (void)state;
     open_operated_plant();
     ended[0] = '\0';
+    warnings = 0;
     now = (struct apc_now){.mono = 50 * S, .utc = apc_clock_utc(NULL)};
     assert_int_equal(known_load(&plant, store), 0);
     return ramps_init(&ramps, &plant.view, NULL);
@@ -47,7 +52,7 @@ static int tear_down(void **state)
 /* One look, so much later. Returns how many are on their way. */
 static int look(apc_ns later)
 {
-    const struct ramp_told told = {.ended = take_end};
+    const struct ramp_told told = {.say = take_said};
     now.mono += later;
     now.utc += later;
     return ramps_step(&ramps, store, now, &told);
@@ -253,6 +258,43 @@ static void a_ramp_is_undone_though_it_has_been_moved_since(void **state)
     free(o.change);
 }
 
+static int stuck; /* the setpoint that the store refuses to swap */
+static const struct apc_store_ops *whole;
+
+static int swap_but_one(struct apc_store *s, struct apc_sample *samples, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (samples[i].table == APC_SETPOINT && samples[i].id == stuck)
+            return apc_fail(&s->why, APC_ESTORE, "row %d is locked", stuck);
+    return whole->swap(s, samples, n);
+}
+
+/* Promise(modes/ramp-refused): A ramp that the store refuses to move is told of once, and holds up no other one. */
+static void one_that_the_store_refuses_holds_up_no_other(void **state)
+{
+    struct apc_store_ops refusing = *store->ops;
+    (void)state;
+    wrote("anna", "r", CHANGE_SETPOINT, 9, 4); /* from 1: before w in every look */
+    wrote("anna", "w", CHANGE_SETPOINT, 13, 4);
+    look(0);
+    whole = store->ops;
+    refusing.swap = swap_but_one;
+    store->ops = &refusing;
+    stuck = SET_R;
+    assert_int_equal(look(S / 4), 2);
+    assert_near(newest(APC_SETPOINT, SET_R).value, 1, 0);
+    assert_near(w(), 5.5, 1e-12);
+    assert_string_equal(ended, "r: the ramp stands still at 1: row 1 is locked");
+    looks(3);
+    assert_near(w(), 7, 1e-12);
+    assert_int_equal(warnings, 1);
+    store->ops = whole;
+    looks(1);
+    assert_near(newest(APC_SETPOINT, SET_R).value, 3, 1e-12); /* a second is made up for */
+    assert_near(w(), 7.5, 1e-12);
+    assert_int_equal(warnings, 1);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -262,6 +304,7 @@ int main(void)
         T(who_begins_anew_goes_on_from_where_it_is),
         T(whoever_writes_ends_it),
         T(who_begins_anew_leaves_what_somebody_wrote_meanwhile),
+        T(one_that_the_store_refuses_holds_up_no_other),
         T(an_output_is_on_its_way_in_man_alone),
         T(the_whole_step_has_to_be_confirmed),
         T(a_ramp_is_undone_though_it_has_been_moved_since),
