@@ -55,9 +55,12 @@ void apc_wish_free(struct apc_wish *wish);
 /* What a wish is of; APC_WISH_MODE goes with no other. */
 enum apc_wish_kind { APC_WISH_SETPOINT = 1, APC_WISH_OUTPUT = 2, APC_WISH_TUNING = 4, APC_WISH_MODE = 8 };
 /* Find what is called @p name and of one of @p kinds, and who takes it. Returns 0, APC_ENOTFOUND, APC_ERANGE:
- * outside its limits, APC_EINVAL: no number, APC_EPERM: nobody takes it, or an error of the store. */
+ * outside its limits, APC_EINVAL: no number, APC_EPERM: nobody takes it, or an error of the store. @p stop: its
+ * ramp is to end, and @p value says nothing. */
 int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, int kinds, double value,
-                  struct apc_error *why);
+                  bool stop, struct apc_error *why);
+/* It is to go there on a ramp, in so many s. Returns 0 or APC_ERANGE. */
+int apc_wish_over(struct apc_wish *wish, double over, struct apc_error *why);
 /* Does its controller tick? 1, 0: it may still, APC_EPERM: it does not, or an error of the store. */
 int apc_wish_ready(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
 /* Write it, and what hangs on it, with the event. Returns 0, APC_EPERM: so great a step has to be @p confirmed,

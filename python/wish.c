@@ -42,7 +42,7 @@ _Static_assert((int)APC_WISH_SETPOINT == (int)CHANGE_SETPOINT && (int)APC_WISH_O
                "kinds have the same numbers");
 
 int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name, int kinds, double value,
-                  struct apc_error *why)
+                  bool stop, struct apc_error *why)
 {
     const struct plant_view *const plant = &w->plant.view;
     struct change_target to;
@@ -52,11 +52,12 @@ int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name,
     if (rc < 0)
         return failed(store, rc, why);
     rc = change_find(plant, name, (unsigned)kinds, &to, &fault);
-    if (rc == 0)
+    if (rc == 0 && !stop)
         rc = change_check(&to, value, &fault);
     if (rc < 0)
         return said(&fault, why);
     change_make(plant, &to, value, &w->change);
+    w->change.stop = stop;
     w->operation = (struct operation){.plant = plant, .change = &w->change, .n = 1};
     if ((rc = operation_look(&w->operation, store)) < 0)
         return failed(store, rc, why);
@@ -64,6 +65,14 @@ int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name,
     if (rc == 0 && !w->change.by)
         rc = change_nobody(&w->change, 0, &fault);
     return rc < 0 ? said(&fault, why) : 0;
+}
+
+int apc_wish_over(struct apc_wish *w, double over, struct apc_error *why)
+{
+    struct change_fault fault;
+
+    w->change.over = over;
+    return change_over(over, &fault) < 0 ? said(&fault, why) : 0;
 }
 
 int apc_wish_ready(struct apc_wish *w, struct apc_store *store, struct apc_error *why)

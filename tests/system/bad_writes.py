@@ -17,7 +17,7 @@ import urllib.error
 import urllib.request
 from typing import NamedTuple
 
-RAMPS = ("ramp", "stop")  # by apc and the page alone
+RAMPS = ("ramp", "stop")  # by apc, the page and Python alone
 MODES = ("Man", "Auto", "OOS", "Cas")
 
 
@@ -160,7 +160,12 @@ def python(row, uri):
     row.outcome()
     with libapc.Store(uri) as s:
         try:
-            s.mode(row.name, row.value) if row.what == "mode" else s.write(row.name, row.value)
+            if row.what == "mode":
+                s.mode(row.name, row.value)
+            elif row.what == "stop":
+                s.stop(row.name)
+            else:
+                s.write(row.name, row.value, over=60 if row.what == "ramp" else None)
             said = "nothing"
         except libapc.Error as e:
             said = f"{type(e).__name__}: {e}"

@@ -26,6 +26,7 @@ Time = Union[int, str, "np.datetime64"]
 
 _NONE = 1e300  # APC_VALUE_MAX: no limit
 _NUMBERS = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT | lib.APC_WISH_TUNING
+_MOVED = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT
 
 
 class Tag(NamedTuple):
@@ -231,14 +232,20 @@ class Store:
         return text(room)
 
     def write(self, name: str, value: float, author: Optional[str] = None, wait: bool = True,
-              confirm: bool = False) -> Value:
+              confirm: bool = False, over: Optional[float] = None) -> Value:
         """Write a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as `apc set` and
         `apc tune` do, and wait until its controller has taken it: for three of its periods and 2 s. Returns what is in
         force. `LimitError`: it lies outside its limits. `RefusedError`: the controller refused it, or nobody ticks who
         would apply it; then nothing was written. `ConflictError`: somebody wrote after it. `TimedOut`: it was written,
         but nobody has confirmed it. Without `wait` it is only written. `author` is who stands in the record; default:
-        the user. `confirm`: a step above the file's `confirm` is meant; without it, it is a `RefusedError`."""
-        return self._wish(name, _number(value), _NUMBERS, author, wait, confirm)
+        the user. `confirm`: a step above the file's `confirm` is meant; without it, it is a `RefusedError`.
+        `over`: a setpoint or an output goes there on a ramp, in so many s; what is in force is then where it begins."""
+        kinds = _NUMBERS if over is None else _MOVED
+        return self._wish(name, _number(value), kinds, author, wait, confirm, over)
+
+    def stop(self, name: str, author: Optional[str] = None, wait: bool = True) -> Value:
+        """End the ramp of a setpoint or an output where it is, as `write`. `RefusedError`: it is on none."""
+        return self._wish(name, nan, _MOVED, author, wait, stop=True)
 
     def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
@@ -300,14 +307,16 @@ class Store:
         return ""
 
     def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True,
-              confirm: bool = False) -> Value:
+              confirm: bool = False, over: Optional[float] = None, stop: bool = False) -> Value:
         wish, reason = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free), why()
         who = utf8("author", author or _user())
         if wish == ffi.NULL:
             raise error(lib.APC_ENOMEM, "out of memory")
         with self._owned as s:
             self._live(s, "apc set")
-            check(lib.apc_wish_find(wish, s, utf8("name", name), kinds, value, reason), reason)
+            check(lib.apc_wish_find(wish, s, utf8("name", name), kinds, value, stop, reason), reason)
+            if over is not None:
+                check(lib.apc_wish_over(wish, _number(over), reason), reason)
             while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
                 sleep(0.05)
             check(lib.apc_wish_write(wish, s, who, confirm, reason), reason)

@@ -109,7 +109,7 @@ until_true 60 happened 'actual Auto'
 #   with the reason; who wrote it stands in the record.
 # Promise(python): From Python alarms are read, acknowledged and shelved as by `apc alarm`; who wants what makes no
 #   sense is told.
-asked 13 bad_writes python "$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")"
+asked 15 bad_writes python "$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")"
 "$user/bin/python" "$work/operate.py" "$work/run" || fail "an operator's write has no outcome"
 example() { "$user/bin/python" "$APC_SOURCE_DIR/examples/python/$1" "${@:2}" >"$work/example.txt" && cat "$work/example.txt"; }
 # Promise(python/periodic-task-python)
