@@ -226,7 +226,7 @@ export const de = {
   "entry.changeAuto": "{change}, Sollwert wird lokal, Soll-Betriebsart Automatik: Eingabetaste übernimmt, Esc verwirft",
   "entry.remote": "{limits}; geführt von {mover}, eine Eingabe macht den Sollwert lokal",
   "entry.over": "Rampe über (optional)",
-  "entry.overWrong": "eine Rampe dauert eine Zahl von Sekunden über 0",
+  "entry.overWrong": "Dauer einer Rampe: eine Zahl von Sekunden über 0",
   "entry.overSaid": "in {s} s",
   "entry.ramp": "auf einer Rampe nach {target}, noch {time}",
   "entry.stop": "Rampe anhalten",

@@ -136,7 +136,7 @@ test("the controller is stopped: its mode is last known, and the plant at its sa
     assert.equal(await page.locator(".mode.last-known").count(), 0);
     fake.stopped = true;
     await page.locator(".safe-bar").waitFor();
-    assert.match(await page.locator(".safe-bar").textContent(), /The plant is given no command since \d{4}-/);
+    assert.match(await page.locator(".safe-bar").textContent(), /The plant has had no command since \d{4}-/);
     await page.locator(".silent-bar").waitFor();
     assert.equal(await page.locator(".mode-switch .mode.last-known").count(), 1);
     await page.getByText("the controller is not running").first().waitFor();

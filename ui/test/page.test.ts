@@ -798,7 +798,7 @@ test("a write that has not come to the server has failed, once that server has s
   await lose([404, "write"]);
   assert.deepEqual([phase(), known.asked], ["unknown", 1]); // it may still be on the way
   await env.pass(2.1);
-  assert.deepEqual([phase(), slot("gone").value?.reason, known.asked], ["failed", "it has not come to the server: nothing was written", 2]);
+  assert.deepEqual([phase(), slot("gone").value?.reason, known.asked], ["failed", "it did not reach the server: nothing was written", 2]);
   await lose([404, "write"], [503, "busy"], [404, "write"], [404, "write"]); // the writers have a queue
   await env.pass(4.2);
   assert.equal(phase(), "unknown");

@@ -259,7 +259,7 @@ test("what stands is told on every page", async () => {
   server.control = {running: {base: false}, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: true, safe_since: START, alarms: null};
   server.beat();
   await settle();
-  assert.equal(said(".safe-bar"), "[priority 1: plant without a command] The plant is given no command since 2033-05-18 03:33:20 UTC: nothing drives it.");
+  assert.equal(said(".safe-bar"), "[priority 1: plant without a command] The plant has had no command since 2033-05-18 03:33:20 UTC: nothing drives it.");
   assert.equal(said(".silent-bar"), "[priority 2: not running] the controller is not running: modes and outputs of its loops are last known.");
   assert.equal(said(".loops tbody tr:first-child td:nth-child(2)"), "[the controller is not running] Auto");
   await show("loop/1");
@@ -268,7 +268,7 @@ test("what stands is told on every page", async () => {
   server.control = {...server.control, safe_since: null, alarms: null};
   server.beat();
   await settle();
-  assert.match(said(".safe-bar"), /is given no command: nothing drives it/);
+  assert.match(said(".safe-bar"), /has no command: nothing drives it/);
 });
 
 test("pages by Alt and a digit, help by ?, if wanted", async () => {
@@ -317,7 +317,7 @@ test("times are those of the zone that is chosen", async () => {
 test("a reason goes with the next change, and with no other", async () => {
   await show("loop/1");
   await type('input[name="reason"]', "x".repeat(81));
-  assert.match(said(".reason"), /too long: 80 bytes/);
+  assert.match(said(".reason"), /too long: at most 80 bytes/);
   await type('input[name="reason"]', " pump 2 is being tested ");
   await type(field, "1");
   await submit(entry);
@@ -486,7 +486,7 @@ test("a ramp takes its time from the field beside the entry, says how long it st
   assert.equal(document.querySelector(over), null);
   await type(field, "7");
   await type(over, "-3");
-  assert.match(said(entry), /a ramp takes a number of seconds above 0/);
+  assert.match(said(entry), /time of a ramp: a number of seconds above 0/);
   await submit(entry);
   assert.equal(env.asked.some(one => one.path === "/api/setpoint"), false);
   await type(over, "60");
