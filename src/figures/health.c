@@ -278,7 +278,7 @@ static const struct {
     [HEALTH_LIMITED] = {"limited", "the output is at a limit too often to be judged"},
     [HEALTH_SLOW] = {"slow",
                      "deviations last: more gain, or a slow disturbance that feed-forward could take"},
-    [HEALTH_UNKNOWN] = {"unknown", "too few ticks in service at one setpoint, or nothing moves"},
+    [HEALTH_UNKNOWN] = {"unknown", "fewer than 500 ticks in service at one setpoint, or nothing moves"},
     [HEALTH_GOOD] = {"good", "nothing to mend shows in the record"},
 };
 

@@ -72,7 +72,10 @@ int alarm_summary_open(struct alarm_summary *b, struct apc_store *store, struct 
             return rc;
         b->revision = revision;
     }
-    return b->e.n_alarms > 0 ? 0 : apc_fail(why, APC_ENOTFOUND, "no alarms are described in this store");
+    return b->e.n_alarms > 0 ? 0
+                             : apc_fail(why, APC_ENOTFOUND,
+                                        "no alarms are described in this store: an experiment file has them "
+                                        "as \"alarms\" of a signal");
 }
 
 void alarm_summary_close(struct alarm_summary *b)

@@ -57,7 +57,8 @@ static int choose_loops(const struct cli *cli, const struct cli_plant *plant, co
         return cli_error(cli, APC_ENOMEM, "out of memory");
     if (name && !loop && !controller) {
         (void)change_find(&view, name, CHANGE_MODE, &none, &why);
-        return cli_error(cli, why.err, "%s%s", why.text, cli->n_args == 1 ? ", and no such mode" : "");
+        return cli_error(cli, why.err, "%s%s", why.text,
+                         cli->n_args == 1 ? "; modes are OOS, Man, Auto and Cas" : "");
     }
     if (loops->n == 0)
         return cli_error(cli, APC_ENOTFOUND,

@@ -349,7 +349,7 @@ test_mode_is_shown_and_changed() {
   run 0 undo --no-wait
   out_is "u mode: Man -> Auto"
   refused 1 'there is no loop or controller "q"; there are: u' mode q man
-  refused 1 'there is no loop or controller "sideways"; there are: u, and no such mode' mode sideways
+  refused 1 'there is no loop or controller "sideways"; there are: u; modes are OOS, Man, Auto and Cas' mode sideways
   refused 4 "u cannot be in Cas: no controller moves its setpoint" mode u cas
   run 5 remote r
   err_has "r: Local -> Remote: written, but no scheduler moves it"
