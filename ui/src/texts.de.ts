@@ -387,6 +387,11 @@ export const de = {
   "error.busy": "Der Server ist überlastet ({message})",
   "error.unknown": "Die Datenbank hat nicht rechtzeitig geantwortet ({message})",
   "error.replay": "Das lässt sich nicht nachrechnen ({message})",
+  "error.confirm": "Großer Schritt, zu bestätigen ({message})",
+  "error.ramp": "Keine Rampe möglich oder keine da ({message})",
+  "error.undo": "Lässt sich nicht zurücknehmen ({message})",
+  "error.nobody": "Kein Regler läuft, der das übernimmt ({message})",
+  "error.value": "Kein zulässiger Wert ({message})",
 
   "overview.pvsp": "Istwert zu Sollwert",
   "overview.mode": "Betriebsart",

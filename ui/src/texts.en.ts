@@ -386,6 +386,11 @@ export const en = {
   "error.busy": "{message}",
   "error.unknown": "{message}",
   "error.replay": "{message}",
+  "error.confirm": "{message}",
+  "error.ramp": "{message}",
+  "error.undo": "{message}",
+  "error.nobody": "{message}",
+  "error.value": "{message}",
 
   "overview.pvsp": "PV against SP",
   "overview.mode": "Mode",

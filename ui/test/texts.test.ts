@@ -21,6 +21,12 @@ test("each language has the same texts, with the same places in them", () => {
   }
 });
 
+test("each conflict that the server tells of has words in each language", () => {
+  const codes = [...readFileSync(path.resolve(process.cwd(), "../docs/http-api.md"), "utf8").matchAll(/^\| 409 \| `(\w+)`/gm)].map(found => `error.${found[1]}`);
+  assert.ok(codes.length >= 7);
+  assert.deepEqual(codes.filter(code => !(code in de)), []);
+});
+
 test("each text is in use", () => {
   const folder = path.resolve(process.cwd(), "src");
   const files = (readdirSync(folder, {recursive: true}) as string[]).filter(name => /\.tsx?$/.test(name) && !/^texts\./.test(name));
