@@ -21,7 +21,7 @@ export const de = {
   "shell.databaseOk": "DB ok",
   "shell.databaseOffline": "Datenbank offline",
   "shell.databaseUnknown": "DB unbekannt",
-  "shell.noLogin": "ohne Anmeldung: Diese Seite ist für den Benutzer, der sie gestartet hat",
+  "shell.noLogin": "ohne Anmeldung: nur für den, der sie gestartet hat",
   "shell.logOut": "Abmelden",
   "shell.wall": "Großbild: nur Ansicht",
   "shell.colours": "Farben",
