@@ -25,6 +25,7 @@ struct apc_store *stores_open(void);
 /** A setup and a teardown: *@p state is a new, empty store. */
 int stores_set_up(void **state);
 int stores_tear_down(void **state);
+#define T(test) cmocka_unit_test_setup_teardown(test, stores_set_up, stores_tear_down)
 
 #define ok(store, call)                                                                                      \
     do {                                                                                                     \

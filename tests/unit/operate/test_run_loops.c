@@ -119,8 +119,6 @@ static void test_a_store_that_describes_no_loop_has_none(void **state)
     loops_free(&l);
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 /* ---- Who acts -------------------------------------------------------------------------------- */
 
 #define SWITCH LOOPS_ACTING(APC_ACTUATOR, 1)

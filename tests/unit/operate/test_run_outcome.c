@@ -207,8 +207,6 @@ static void test_why_another_was_refused_is_no_answer_though_its_name_has_this_o
     assert_string_equal(text, others[1]);
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

@@ -245,8 +245,6 @@ static void test_a_cascade_is_opened_as_it_was_seen_or_not_at_all(void **state)
     apc_store_close(other);
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

@@ -230,8 +230,6 @@ static void test_a_scheduled_setpoint_takes_its_switch_along_once(void **state)
     assert_int_equal(newest(w.store, APC_SETPOINT, 1).seq, 3);
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

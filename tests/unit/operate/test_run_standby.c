@@ -176,8 +176,6 @@ static void test_who_cannot_read_does_not_judge(void **state)
     apc_store_close(f.store);
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

@@ -300,8 +300,6 @@ static void test_of_rivals_one_at_a_time_has_it(void **state)
     }
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

@@ -706,8 +706,6 @@ static void test_the_newest_so_many_are_so_many(void **state)
     }
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

@@ -914,8 +914,6 @@ static void test_a_uri_of_two_says_what_is_wrong_with_either(void **state)
     assert_int_equal(apc_store_live("sqlite:a+b.db"), strlen("sqlite:a+b.db"));
 }
 
-#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {

@@ -321,7 +321,6 @@ static void test_the_experiment_is_that_of_then_where_it_is_kept(void **state)
 
 int main(void)
 {
-#define T(test) cmocka_unit_test_setup_teardown(test, stores_set_up, stores_tear_down)
     const struct CMUnitTest tests[] = {
         T(test_at_any_instant_each_variable_has_the_row_that_was_newest),
         T(test_nobody_changes_the_past_nor_sees_the_future),
