@@ -11,6 +11,7 @@
 #include <mpfr.h>
 #include <stdlib.h>
 
+#include "../tests/support/xorshift.h"
 #include "bench.h"
 
 #define ARGUMENTS                                                                                            \
@@ -48,20 +49,13 @@ static const struct function functions[] = {
 };
 
 static uint64_t drawn;
-static uint64_t draw(void) /* xorshift64 */
-{
-    drawn ^= drawn << 13;
-    drawn ^= drawn >> 7;
-    drawn ^= drawn << 17;
-    return drawn;
-}
 
 /* Of either sign, with an exponent of @p low to @p high; subnormal below -1022. */
 static double number(int low, int high)
 {
-    const double fraction = 1.0 + (double)(draw() >> 12) * 0x1p-52;
-    const int exponent = low + (int)(draw() % (uint64_t)(high - low + 1));
-    return copysign(ldexp(fraction, exponent), draw() & 1 ? -1.0 : 1.0);
+    const double fraction = 1.0 + (double)(xorshift(&drawn) >> 12) * 0x1p-52;
+    const int exponent = low + (int)(xorshift(&drawn) % (uint64_t)(high - low + 1));
+    return copysign(ldexp(fraction, exponent), xorshift(&drawn) & 1 ? -1.0 : 1.0);
 }
 
 static double argument(uint64_t kind)
@@ -72,7 +66,7 @@ static double argument(uint64_t kind)
     case 1:
         return 1.0 + number(-40, -3);
     case 2:
-        return (double)(int64_t)(draw() % 2000001 - 1000000) * 1.57079632679489661923;
+        return (double)(int64_t)(xorshift(&drawn) % 2000001 - 1000000) * 1.57079632679489661923;
     case 3:
         return number(-40, 9);
     default:

@@ -18,6 +18,7 @@
 
 #include <libpq-fe.h>
 
+#include "../tests/support/xorshift.h"
 #include "apcstore.h"
 #include "bench.h"
 #include "pgbinary.h"
@@ -50,26 +51,20 @@ static int64_t ask(const char *sql)
 
 static uint64_t seed = 88172645463325252U;
 
-static uint64_t draw(void)
-{
-    seed ^= seed << 13;
-    seed ^= seed >> 7;
-    seed ^= seed << 17;
-    return seed;
-}
-
 /* ---- A week ------------------------------------------------------------------------------------------ */
 
 static double of_noise(int64_t i)
 {
     (void)i;
-    return (1 + (double)(draw() >> 11) * 0x1p-53) * (draw() & 1 ? 1 : -1); /* every bit of the mantissa */
+    return (1 + (double)(xorshift(&seed) >> 11) * 0x1p-53) *
+           (xorshift(&seed) & 1 ? 1 : -1); /* every bit of the mantissa */
 }
 
 static double of_converter(int64_t i)
 {
     const double t = (double)i;
-    return -10 + (double)(int64_t)(32768 + 20000 * sin(t * 0.001) + (double)(draw() % 5)) * (20 / 65535.0);
+    return -10 +
+           (double)(int64_t)(32768 + 20000 * sin(t * 0.001) + (double)(xorshift(&seed) % 5)) * (20 / 65535.0);
 }
 
 static double of_constant(int64_t i)
@@ -138,7 +133,7 @@ static double copy_week(const struct kind *k, int64_t begin)
             at = put(at, &columns, 2);
             at = put_cell(at, 1, 4);
             at = put_cell(at, i + 1, 8);
-            at = put_cell(at, begin + i * US + (int64_t)(draw() % (uint64_t)k->jitter), 8);
+            at = put_cell(at, begin + i * US + (int64_t)(xorshift(&seed) % (uint64_t)k->jitter), 8);
             at = put_cell(at, 0, 8);
             at = put_cell(at, bits(k->value(i)), 8);
         }
@@ -319,7 +314,7 @@ static void make_kept(void)
         memset(&chunk, 0, sizeof chunk);
         chunk.n = APC_PACK_MAX;
         for (int64_t i = 0; i < APC_PACK_MAX; i++) {
-            chunk.at[APC_PACK_TIME][i] = i * US + (i > 0 ? (int64_t)(draw() % 256) : 0);
+            chunk.at[APC_PACK_TIME][i] = i * US + (i > 0 ? (int64_t)(xorshift(&seed) % 256) : 0);
             chunk.at[APC_PACK_VALUE][i] = apc_pack_bits(of_noise(i));
         }
         kept[k].length = apc_pack(&chunk, kept[k].bytes);

@@ -3,6 +3,7 @@
 #include "base/text.h"
 #include "check.h"
 #include "comma_locale.h"
+#include "xorshift.h"
 
 #include <dlfcn.h>
 #include <locale.h>
@@ -22,13 +23,6 @@ ssize_t write(int fd, const void *data, size_t length)
 {
     return syscall(SYS_write, fd, data,
                    short_writes > 0 && length > (size_t)short_writes ? (size_t)short_writes : length);
-}
-
-static uint64_t next_random(uint64_t *state)
-{
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    return *state ^= *state << 17;
 }
 
 static void every_error_has_a_name_and_a_text(void **state)
@@ -147,8 +141,8 @@ static void random_stamps_go_both_ways(void **state)
     (void)state;
     print_message("seed %llu\n", (unsigned long long)seed);
     for (int i = 0; i < 100000; i++) {
-        apc_ns t = (apc_ns)(next_random(&seed) % UINT64_C(9000000000000000)) * 1000, back;
-        if (next_random(&seed) & 1)
+        apc_ns t = (apc_ns)(xorshift(&seed) % UINT64_C(9000000000000000)) * 1000, back;
+        if (xorshift(&seed) & 1)
             t = -t;
         assert_int_equal(apc_time_parse(apc_time_format(t, text), &back), 0);
         assert_int_equal(back, t);
@@ -251,7 +245,7 @@ static void numbers_go_both_ways_exactly(void **state)
     (void)state;
     print_message("seed %llu\n", (unsigned long long)seed);
     for (int i = 0; i < 100000; i++) {
-        uint64_t bits = next_random(&seed);
+        uint64_t bits = xorshift(&seed);
         double value, back;
         memcpy(&value, &bits, sizeof value);
         if (!isfinite(value))
@@ -265,7 +259,7 @@ static void numbers_go_both_ways_exactly(void **state)
 
 static double any_double(uint64_t *seed, int i)
 {
-    uint64_t bits = next_random(seed);
+    uint64_t bits = xorshift(seed);
     double value;
 
     switch (i % 4) {
@@ -297,9 +291,9 @@ static void numbers_are_what_libc_makes_of_them(void **state)
         assert_memory_equal(&back, &value, sizeof back);
 
         /* 1 to 20 digits with a point somewhere, so rounding has every chance */
-        uint64_t n = 1 + next_random(&seed) % 20, point = next_random(&seed) % (n + 1);
+        uint64_t n = 1 + xorshift(&seed) % 20, point = xorshift(&seed) % (n + 1);
         for (uint64_t k = 0; k <= n; k++)
-            digits[k] = k == point ? '.' : (char)('0' + next_random(&seed) % 10);
+            digits[k] = k == point ? '.' : (char)('0' + xorshift(&seed) % 10);
         assert_int_equal(apc_number_parse(digits, &back), 0);
         value = strtod(digits, NULL);
         assert_memory_equal(&back, &value, sizeof back);

@@ -7,19 +7,13 @@
 #include <string.h>
 
 #include "check.h"
+#include "xorshift.h"
 
 #define N 20000
 
 /* ---- Arguments -------------------------------------------------------------------------------- */
 
 static uint64_t drawn;
-static uint64_t draw(void) /* xorshift64 */
-{
-    drawn ^= drawn << 13;
-    drawn ^= drawn >> 7;
-    drawn ^= drawn << 17;
-    return drawn;
-}
 
 static double of_bits(uint64_t bits)
 {
@@ -38,8 +32,8 @@ static uint64_t bits_of(double x)
 /* A number of either sign with an exponent of @p low to @p high. */
 static double number(int low, int high)
 {
-    const uint64_t exponent = (uint64_t)(low + (int)(draw() % (uint64_t)(high - low + 1)) + 1023);
-    return of_bits((draw() & UINT64_C(0x800fffffffffffff)) | exponent << 52);
+    const uint64_t exponent = (uint64_t)(low + (int)(xorshift(&drawn) % (uint64_t)(high - low + 1)) + 1023);
+    return of_bits((xorshift(&drawn) & UINT64_C(0x800fffffffffffff)) | exponent << 52);
 }
 
 /* Of all kinds in turn: ordinary, near 1, small and large, far out. */
@@ -68,11 +62,11 @@ static double by_exponent(double x)
 }
 static double by_angle(double x)
 {
-    return apc_atan2(x, argument((int)(draw() % 4)));
+    return apc_atan2(x, argument((int)(xorshift(&drawn) % 4)));
 }
 static double by_side(double x)
 {
-    return apc_hypot(x, argument((int)(draw() % 4)));
+    return apc_hypot(x, argument((int)(xorshift(&drawn) % 4)));
 }
 static double of_size(double x)
 {

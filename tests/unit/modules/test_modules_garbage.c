@@ -7,6 +7,7 @@
 
 #include "base/base_internal.h"
 #include "modules/controller.h"
+#include "xorshift.h"
 
 #include <stdlib.h>
 
@@ -20,10 +21,7 @@ static uint64_t seed;
 
 static uint32_t chance(uint32_t n)
 {
-    seed ^= seed << 13;
-    seed ^= seed >> 7;
-    seed ^= seed << 17;
-    return (uint32_t)(seed >> 33) % n;
+    return (uint32_t)(xorshift(&seed) >> 33) % n;
 }
 
 static double any_value(void)

@@ -16,6 +16,7 @@
 #include "base/base_internal.h"
 #include "modules/controller.h"
 #include "plant/plant_internal.h"
+#include "xorshift.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -34,10 +35,7 @@ static bool breaks; /* the model, now and then */
 
 static uint32_t chance(uint32_t n)
 {
-    seed ^= seed << 13;
-    seed ^= seed >> 7;
-    seed ^= seed << 17;
-    return (uint32_t)(seed >> 33) % n;
+    return (uint32_t)(xorshift(&seed) >> 33) % n;
 }
 
 static double any_value(void)

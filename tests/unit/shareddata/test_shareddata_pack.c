@@ -7,16 +7,9 @@
 #include "apcbase.h"
 #include "check.h"
 #include "shareddata/pack.h"
+#include "xorshift.h"
 
 static uint64_t seed = 88172645463325252U;
-
-static uint64_t next_random(void)
-{
-    seed ^= seed << 13;
-    seed ^= seed >> 7;
-    seed ^= seed << 17;
-    return seed;
-}
 
 static struct apc_pack in, out;
 static uint8_t bytes[APC_PACK_BYTES];
@@ -51,13 +44,13 @@ static void fill(size_t n, double (*value)(size_t i), int64_t (*jitter)(void))
 
 static int64_t a_byte(void)
 {
-    return (int64_t)(next_random() % 256);
+    return (int64_t)(xorshift(&seed) % 256);
 }
 
 static double noise(size_t i)
 {
     (void)i;
-    const double v = apc_pack_value((int64_t)(next_random() >> 1));
+    const double v = apc_pack_value((int64_t)(xorshift(&seed) >> 1));
     return fabs(v) < 1e300 ? v : 1.5;
 }
 
@@ -70,13 +63,13 @@ static double constant(size_t i)
 static double converter(size_t i)
 {
     return -10 +
-           nearbyint(32768 + 20000 * sin((double)i * 0.001) + (double)(next_random() % 5)) * (20 / 65535.0);
+           nearbyint(32768 + 20000 * sin((double)i * 0.001) + (double)(xorshift(&seed) % 5)) * (20 / 65535.0);
 }
 
 static double any_code(size_t i)
 {
     (void)i;
-    return 4 + (double)(next_random() % 65536) * (16 / 65535.0);
+    return 4 + (double)(xorshift(&seed) % 65536) * (16 / 65535.0);
 }
 
 static double tenths(size_t i)
@@ -135,28 +128,28 @@ static void test_any_number_in_any_column_comes_back(void **state)
         memset(&in, 0, sizeof in);
         in.n = lengths[round % 10];
         for (size_t c = 0; c < APC_PACK_COLUMNS; c++) {
-            const uint64_t kind = next_random() % 6;
-            const unsigned shift = next_random() % 64;
-            int64_t x = (int64_t)next_random() >> shift;
+            const uint64_t kind = xorshift(&seed) % 6;
+            const unsigned shift = xorshift(&seed) % 64;
+            int64_t x = (int64_t)xorshift(&seed) >> shift;
             for (size_t i = 0; i < in.n; i++) {
                 switch (kind) {
                 case 0:
-                    x = edges[next_random() % 13];
+                    x = edges[xorshift(&seed) % 13];
                     break;
                 case 1:
-                    x = (int64_t)next_random();
+                    x = (int64_t)xorshift(&seed);
                     break;
                 case 2: /* steps, some large, that wrap */
-                    x = (int64_t)((uint64_t)x + (next_random() >> shift));
+                    x = (int64_t)((uint64_t)x + (xorshift(&seed) >> shift));
                     break;
                 case 3:
-                    x = next_random() % 50 ? x : (int64_t)next_random() >> shift;
+                    x = xorshift(&seed) % 50 ? x : (int64_t)xorshift(&seed) >> shift;
                     break;
                 case 4:
                     x = (int64_t)((uint64_t)x + (uint64_t)shift);
                     break;
                 default:
-                    x = apc_pack_bits((double)(int64_t)(next_random() % 4000) * 0.1 - 200);
+                    x = apc_pack_bits((double)(int64_t)(xorshift(&seed) % 4000) * 0.1 - 200);
                     break;
                 }
                 in.at[c][i] = x;
@@ -174,11 +167,11 @@ static void test_values_that_doubles_tell_apart_stay_apart(void **state)
     memset(&in, 0, sizeof in);
     in.n = 700;
     for (size_t i = 0; i < in.n; i++) {
-        in.at[APC_PACK_VALUE][i] = apc_pack_bits(few[next_random() % (i < 350 ? 9 : 11)]);
+        in.at[APC_PACK_VALUE][i] = apc_pack_bits(few[xorshift(&seed) % (i < 350 ? 9 : 11)]);
     }
     packed();
     for (size_t i = 0; i < in.n; i++) { /* a grid that goes through zero, with either sign of it */
-        in.at[APC_PACK_VALUE][i] = apc_pack_bits((double)((int64_t)(next_random() % 9) - 4) * 0.3);
+        in.at[APC_PACK_VALUE][i] = apc_pack_bits((double)((int64_t)(xorshift(&seed) % 9) - 4) * 0.3);
         in.at[APC_PACK_VALUE][i] += i % 50 == 0;
     }
     packed();
@@ -214,8 +207,8 @@ static void test_bytes_of_any_kind_are_read_within_their_bounds(void **state)
         uint8_t *wrong = malloc(length);
         assert_non_null(wrong);
         memcpy(wrong, bytes, length);
-        for (uint64_t k = next_random() % 4; k < 4; k++) {
-            wrong[next_random() % (k == 3 ? length : 64)] = (uint8_t)next_random();
+        for (uint64_t k = xorshift(&seed) % 4; k < 4; k++) {
+            wrong[xorshift(&seed) % (k == 3 ? length : 64)] = (uint8_t)xorshift(&seed);
         }
         const int rc = apc_unpack(wrong, length, &out);
         assert_true(rc == APC_EPROTO || (rc == 0 && out.n >= 1 && out.n <= APC_PACK_MAX));

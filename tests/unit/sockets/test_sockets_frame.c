@@ -2,6 +2,7 @@
 #include "apcsockets.h"
 #include "check.h"
 #include "comma_locale.h"
+#include "xorshift.h"
 
 #include <float.h>
 #include <locale.h>
@@ -13,13 +14,6 @@
 
 /* 2026-01-31T12:00:00.123456Z */
 #define NOON (INT64_C(1769860800) * APC_NS_PER_S + 123456000)
-
-static uint64_t next_random(uint64_t *state)
-{
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    return *state ^= *state << 17;
-}
 
 /* A copy with nothing behind it: a read past the end is then a report of the address sanitizer. */
 static int decode(const char *text, size_t length, struct apc_frame *frame, struct apc_sample *samples,
@@ -152,10 +146,10 @@ static double random_double(uint64_t *seed)
 {
     static const double special[] = {0.0,      -0.0,  DBL_MIN, DBL_TRUE_MIN, -DBL_TRUE_MIN, DBL_MAX,
                                      -DBL_MAX, 1e300, -1e300,  DBL_EPSILON,  0.1,           1.0 / 3};
-    uint64_t bits = next_random(seed);
+    uint64_t bits = xorshift(seed);
     double value;
     if (bits % 8 == 0)
-        return special[next_random(seed) % (sizeof special / sizeof *special)];
+        return special[xorshift(seed) % (sizeof special / sizeof *special)];
     if (bits % 8 == 1)
         bits &= ~(UINT64_C(0x7FF) << 52); /* denormal */
     memcpy(&value, &bits, sizeof value);
@@ -171,15 +165,15 @@ static void every_finite_value_survives_bit_for_bit(void **state)
 
     print_message("seed 0x%llX\n", (unsigned long long)seed);
     for (int round = 0; round < 3000; round++) {
-        struct apc_frame frame = {APC_FRAME_VALUES, next_random(&seed) >> next_random(&seed) % 64,
-                                  next_random(&seed) % COUNT};
+        struct apc_frame frame = {APC_FRAME_VALUES, xorshift(&seed) >> xorshift(&seed) % 64,
+                                  xorshift(&seed) % COUNT};
         struct apc_frame out;
         int length;
         for (size_t i = 0; i < frame.n; i++)
-            samples[i] = (struct apc_sample){
-                .time = (apc_ns)(next_random(&seed) % UINT64_C(9000000000000000)) * APC_NS_PER_US,
-                .status = (apc_status)next_random(&seed),
-                .value = random_double(&seed)};
+            samples[i] = (struct apc_sample){.time = (apc_ns)(xorshift(&seed) % UINT64_C(9000000000000000)) *
+                                                     APC_NS_PER_US,
+                                             .status = (apc_status)xorshift(&seed),
+                                             .value = random_double(&seed)};
         length = apc_frame_encode(text, sizeof text, &frame, samples);
         assert_true(length > 0);
         assert_int_equal(decode(text, (size_t)length, &out, back, COUNT), 0);

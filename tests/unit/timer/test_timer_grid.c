@@ -11,8 +11,8 @@ __extension__ typedef __int128 wide;
 /* Any magnitude with equal chance, the ends of the range among them. */
 static apc_ns any_time(uint64_t *state)
 {
-    uint64_t bits = next_random(state) >> next_random(state) % 64;
-    switch (next_random(state) % 8) {
+    uint64_t bits = xorshift(state) >> xorshift(state) % 64;
+    switch (xorshift(state) % 8) {
     case 0:
         return INT64_MAX - (apc_ns)(bits >> 32);
     case 1:
@@ -24,7 +24,7 @@ static apc_ns any_time(uint64_t *state)
 
 static apc_ns any_period(uint64_t *state)
 {
-    return (apc_ns)(next_random(state) >> (1 + next_random(state) % 62)) + 1;
+    return (apc_ns)(xorshift(state) >> (1 + xorshift(state) % 62)) + 1;
 }
 
 static wide exact_time(apc_ns start, apc_ns period, uint64_t index)
@@ -38,7 +38,7 @@ static void time_of_a_tick_is_exact_and_saturates(void **state)
     (void)state;
     for (int i = 0; i < CASES; i++) {
         apc_ns start = any_time(&random), period = any_period(&random);
-        uint64_t index = next_random(&random) >> next_random(&random) % 64;
+        uint64_t index = xorshift(&random) >> xorshift(&random) % 64;
         wide exact = exact_time(start, period, index);
         assert_true(apc_grid_time(start, period, index) == (exact > INT64_MAX ? INT64_MAX : (apc_ns)exact));
     }
@@ -71,8 +71,8 @@ static void next_and_time_invert_each_other(void **state)
     uint64_t random = seed();
     (void)state;
     for (int i = 0; i < CASES; i++) {
-        apc_ns start = (apc_ns)(next_random(&random) >> 2), period = (any_period(&random) >> 20) + 1;
-        uint64_t index = next_random(&random) >> 46;
+        apc_ns start = (apc_ns)(xorshift(&random) >> 2), period = (any_period(&random) >> 20) + 1;
+        uint64_t index = xorshift(&random) >> 46;
         assert_true(apc_grid_next(start, period, apc_grid_time(start, period, index)) == index);
     }
 }
@@ -83,7 +83,7 @@ static void newest_is_the_largest_index_not_after_now_but_never_before_due(void 
     (void)state;
     for (int i = 0; i < CASES; i++) {
         apc_ns start = any_time(&random), period = any_period(&random), now = any_time(&random);
-        uint64_t due = next_random(&random) >> next_random(&random) % 64;
+        uint64_t due = xorshift(&random) >> xorshift(&random) % 64;
         uint64_t newest = apc_grid_newest(start, period, due, now);
         assert_true(newest >= due);
         assert_true(newest == due || exact_time(start, period, newest) <= now);
@@ -97,7 +97,7 @@ static void resume_is_later_than_the_tick_that_ran_and_not_before_now(void **sta
     (void)state;
     for (int i = 0; i < CASES; i++) {
         apc_ns start = any_time(&random), period = any_period(&random), now = any_time(&random);
-        uint64_t index = next_random(&random) >> (1 + next_random(&random) % 63);
+        uint64_t index = xorshift(&random) >> (1 + xorshift(&random) % 63);
         uint64_t next = apc_grid_resume(start, period, index, now);
         assert_true(next > index);
         assert_true(exact_time(start, period, next) >= now);
@@ -114,19 +114,19 @@ static void every_tick_up_to_due_is_run_or_missed_and_calls_are_in_time(void **s
     uint64_t random = seed();
     (void)state;
     for (int life = 0; life < 1000; life++) {
-        apc_ns start = (apc_ns)(next_random(&random) >> 4), period = 1 + (apc_ns)(next_random(&random) >> 34);
+        apc_ns start = (apc_ns)(xorshift(&random) >> 4), period = 1 + (apc_ns)(xorshift(&random) >> 34);
         apc_ns now = start;
         uint64_t due = 0, calls = 0, missed = 0;
         for (int i = 0; i < 50; i++) {
             apc_ns wake = apc_grid_time(start, period, due);
             now = now > wake ? now : wake;
-            if (next_random(&random) % 4 == 0)
-                now += (apc_ns)(next_random(&random) % (5 * (uint64_t)period)); /* woken late */
+            if (xorshift(&random) % 4 == 0)
+                now += (apc_ns)(xorshift(&random) % (5 * (uint64_t)period)); /* woken late */
             uint64_t index = apc_grid_newest(start, period, due, now);
             missed += index - due;
             assert_true(now - apc_grid_time(start, period, index) < period);
             calls++;
-            now += (apc_ns)(next_random(&random) % (2 * (uint64_t)period)); /* the callback */
+            now += (apc_ns)(xorshift(&random) % (2 * (uint64_t)period)); /* the callback */
             due = apc_grid_resume(start, period, index, now);
             missed += due - (index + 1);
             assert_true(calls + missed == due);

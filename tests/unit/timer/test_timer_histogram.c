@@ -14,8 +14,8 @@
 /* Of any magnitude below the limit, either sign. */
 static apc_ns any_value(uint64_t *state)
 {
-    apc_ns magnitude = (apc_ns)((next_random(state) >> 22) >> next_random(state) % 42);
-    return next_random(state) % 2 ? magnitude : -magnitude;
+    apc_ns magnitude = (apc_ns)((xorshift(state) >> 22) >> xorshift(state) % 42);
+    return xorshift(state) % 2 ? magnitude : -magnitude;
 }
 
 static struct apc_histogram *make(void)

@@ -36,8 +36,8 @@ static void the_level_is_the_percentile_of_the_last_thousand(void **state)
     apc_margin_init(&m, APC_NS_PER_S);
     for (unsigned i = 0; i < N; i++) {
         unsigned scale = 1 + i / 10 % 400; /* the distribution changes all the time, up and down */
-        us[i] = (unsigned)(next_random(&random) % (next_random(&random) % 100 ? scale : 100 * scale));
-        apc_margin_learn(&m, us[i] * US + (apc_ns)(next_random(&random) % 1000));
+        us[i] = (unsigned)(xorshift(&random) % (xorshift(&random) % 100 ? scale : 100 * scale));
+        apc_margin_learn(&m, us[i] * US + (apc_ns)(xorshift(&random) % 1000));
 
         unsigned first = i < APC_MARGIN_WINDOW ? 0 : i + 1 - APC_MARGIN_WINDOW, n = i + 1 - first;
         unsigned above = 0, not_below = 0;

@@ -595,7 +595,7 @@ static void no_callback_runs_after_stop_whenever_it_comes(void **state)
         sem_init(&r[i].ticked, 0, 0);
         assert_int_equal(apc_task_create(executive, &options, race, &r[i], &task, NULL), 0);
         assert_int_equal(apc_task_start(task, NULL), 0);
-        for (uint64_t before = next_random(&random) % 4; before > 0; before--)
+        for (uint64_t before = xorshift(&random) % 4; before > 0; before--)
             assert_true(posted(&r[i].ticked));
         assert_int_equal(apc_task_stop(task), 0);
         atomic_store(&r[i].stopped, true);

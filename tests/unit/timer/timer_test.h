@@ -14,6 +14,7 @@
 
 #include "apcbase.h"
 #include "check.h"
+#include "xorshift.h"
 
 /*
  * The thread sanitizer knows the threads that pthread_create() makes, and dies in those that glibc makes by
@@ -63,14 +64,6 @@ __attribute__((unused)) static char deadline_name[] = "deadline", posix_name[] =
 static inline struct timespec to_timespec(apc_ns t)
 {
     return (struct timespec){.tv_sec = t / APC_NS_PER_S, .tv_nsec = t % APC_NS_PER_S};
-}
-
-/* xorshift64 */
-static inline uint64_t next_random(uint64_t *state)
-{
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    return *state ^= *state << 17;
 }
 
 static inline uint64_t seed(void)

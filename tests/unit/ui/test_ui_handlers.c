@@ -367,7 +367,7 @@ static void process_values_are_in_the_metrics(void **state)
     static const char of_y1[] = "apc_signal_age_seconds{table=\"sensor\",name=\"y1\",unit=\"m\"} ";
     const char *age = strstr(ask_text(get_metrics), of_y1);
     assert_non_null(age);
-    assert_true(atof(age + strlen(of_y1)) >= 10 && atof(age + strlen(of_y1)) < 600);
+    assert_true(strtod(age + strlen(of_y1), NULL) >= 10 && strtod(age + strlen(of_y1), NULL) < 600);
 }
 
 static struct task *a_task(size_t i, const char *name)
@@ -439,7 +439,7 @@ static void what_the_server_does_itself_is_in_the_metrics(void **state)
     has(metrics, "apc_db_write_seconds_sum 5.05\n");
     const char *median = strstr(metrics, "apc_db_write_seconds{quantile=\"0.5\"} ");
     assert_non_null(median);
-    assert_near(atof(strchr(median, ' ')), 0.05, 0.001); /* to the width of a bucket */
+    assert_near(strtod(strchr(median, ' '), NULL), 0.05, 0.001); /* to the width of a bucket */
     has(metrics, "apc_ui_requests_total{status=\"2xx\"} 12\n");
     has(metrics, "apc_ui_requests_total{status=\"5xx\"} 1\n");
     assert_int_equal(times_in(metrics, "apc_ui_requests_total{"), 5);

@@ -528,19 +528,18 @@ static const char *chunked(const char *path, const char *body, size_t piece)
 {
     static char bytes[1 << 20];
     size_t n = strlen(body);
+    char *const end = bytes + sizeof bytes;
     char *at =
-        bytes + sprintf(bytes,
-                        "POST %s HTTP/1.1\r\nHost: localhost\r\nCookie: %s\r\nX-CSRF-Token: %s\r\n" JSON
-                        "Transfer-Encoding: chunked\r\nConnection: close\r\n\r\n",
-                        path, anna.cookie, anna.csrf);
+        bytes + snprintf(bytes, sizeof bytes,
+                         "POST %s HTTP/1.1\r\nHost: localhost\r\nCookie: %s\r\nX-CSRF-Token: %s\r\n" JSON
+                         "Transfer-Encoding: chunked\r\nConnection: close\r\n\r\n",
+                         path, anna.cookie, anna.csrf);
     for (size_t i = 0; i < n; i += piece) {
         size_t part = n - i < piece ? n - i : piece;
-        at += sprintf(at, "%zx\r\n", part);
-        memcpy(at, body + i, part);
-        at += part;
-        at += sprintf(at, "\r\n");
+        at += snprintf(at, (size_t)(end - at), "%zx\r\n%.*s\r\n", part, (int)part, body + i);
+        assert_true(at < end);
     }
-    strcpy(at, "0\r\n\r\n");
+    snprintf(at, (size_t)(end - at), "0\r\n\r\n");
     return bytes;
 }
 
@@ -708,12 +707,14 @@ static void answers_are_counted_by_their_hundreds(void **state)
 
 static void one_connection_takes_many_requests(void **state)
 {
-    char bytes[4000] = "";
+    char bytes[4000];
+    size_t n = 0;
     int status;
     (void)state;
     for (int i = 0; i < 5; i++) /* of each kind of thread, one after the other */
-        sprintf(bytes + strlen(bytes), "GET %s HTTP/1.1\r\nHost: localhost\r\nCookie: %s\r\n%s\r\n",
-                i % 2 ? "/api/events" : "/api/state", anna.cookie, i == 4 ? "Connection: close\r\n" : "");
+        n += (size_t)snprintf(
+            bytes + n, sizeof bytes - n, "GET %s HTTP/1.1\r\nHost: localhost\r\nCookie: %s\r\n%s\r\n",
+            i % 2 ? "/api/events" : "/api/state", anna.cookie, i == 4 ? "Connection: close\r\n" : "");
     assert_int_equal(answers(bytes, &status), 5);
     assert_int_equal(status, 200);
 }

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "plants.h"
+#include "xorshift.h"
 
 #define US APC_NS_PER_US
 
@@ -51,10 +52,7 @@ struct list {
 static uint64_t draw(uint64_t below)
 {
     static uint64_t x = 88172645463325252U;
-    x ^= x << 13;
-    x ^= x >> 7;
-    x ^= x << 17;
-    return x % below;
+    return xorshift(&x) % below;
 }
 
 /* 0: noise, jitter, statuses; 1: now and then a gap; 2: a clock that steps; 3: constant, seldom. */

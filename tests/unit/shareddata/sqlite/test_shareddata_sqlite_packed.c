@@ -14,6 +14,7 @@
 #include "check.h"
 #include "scratch.h"
 #include "shareddata/sqlite/sqlite.h"
+#include "xorshift.h"
 
 #define SECOND APC_NS_PER_S
 #define BEGIN  (INT64_C(1700000000) * SECOND)
@@ -61,10 +62,7 @@ static int64_t ask(const char *sql)
 static uint64_t next_random(void)
 {
     static uint64_t seed = 88172645463325252U;
-    seed ^= seed << 13;
-    seed ^= seed >> 7;
-    seed ^= seed << 17;
-    return seed;
+    return xorshift(&seed);
 }
 
 /* ---- Signals -------------------------------------------------------------------------------- */
