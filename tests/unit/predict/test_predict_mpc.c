@@ -403,7 +403,7 @@ static void a_multiplier_is_what_a_limit_costs(void **state)
             const double gradient = (more - apc_mpc_predict(s.mpc, aside, predicted)) / 2.0;
             slope[gradient < 0.0 ? NU + k % NU : k % NU] += fabs(gradient);
         }
-        for (size_t k = 0; k < 2 * NU && !rows; k++)
+        for (size_t k = 0; k < sizeof slope / sizeof *slope && !rows; k++)
             assert_near(u[k], slope[k], 1e-6 * (1.0 + slope[k]));
         for (int limit = 0; limit < LIMITS && result.reachable && !result.given_up && rows; limit++)
             for (size_t k = 0; k < 2; k++) {
