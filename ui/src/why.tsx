@@ -21,14 +21,14 @@ const asked = new Cell<Question | null>(null);
 place.subscribe(() => (asked.value = null));
 
 /** `of`: what is asked about, for those who listen. */
-export function WhyButton({loop, after = null, of}: {loop: Loop | undefined; after?: number | null; of: string}): JSX.Element | null {
-  return loop ? <button type="button" class="why-button" aria-label={`${tr("why.ask")} ${of}`} onClick={() => (asked.value = {loop, after})}>{tr("why.ask")}</button> : null;
+export function WhyButton({loop, after, until, of}: {loop: Loop | null | undefined; after?: number | null; until?: number | null; of: string}): JSX.Element | null {
+  return loop?.output ? <button type="button" class="why-button" aria-label={`${tr("why.ask")} ${of}`} onClick={() => (asked.value = {loop, after, until})}>{tr("why.ask")}</button> : null;
 }
 
 export function OpenWhy(): JSX.Element | null {
   const about = useCell(asked);
   const p = useCell(plant);
-  return about && p && <Answer key={`${about.loop.id} ${about.after}`} about={about} plant={p} />;
+  return about && p && <Answer key={`${about.loop.id} ${about.after} ${about.until}`} about={about} plant={p} />;
 }
 
 function Answer({about, plant: p}: {about: Question; plant: Plant}): JSX.Element {

@@ -1421,6 +1421,20 @@ async function layers(part: Record<string, Sample> = {}): Promise<void> {
   await state({"opmode.3": [1, t - 9, 1, "Good"], "actual.53": [1, t - 9, 1, "Good"], "manual.3": [0, null, null, "BadNoData"], ...part});
 }
 
+test("why, of an alarm: of its loop, until it came; of a setpoint: of the loop above", async () => {
+  await withAlarms(stands(1, 3, "Unacknowledged Active", {raised: START - 60}));
+  await show("alarms");
+  await click(button("More of y1.high", ".alarm-list"));
+  await click(button("Why? y1.high"));
+  await env.pass(0.5);
+  assert.deepEqual(env.take("/api/why").query, {output: "u1", over: "60", at: String(START - 60)});
+  await layers();
+  await show("loop/1");
+  await click(button("Why? r1"));
+  await env.pass(0.5);
+  assert.deepEqual(env.take("/api/why").query, {output: "upper.r1", over: "60"});
+});
+
 // Promise(server/loops-their-controllers)
 test("loops are grouped by their controllers, and who does not run is named", async () => {
   await layers();

@@ -5,10 +5,11 @@ import {words, worth} from "./quality";
 import type {Cause, Loop, Plant, PlantEvent, Why} from "./types";
 import {known} from "./texts";
 
-/** Of one loop: the newest move, or that which followed an event. */
+/** Of one loop: the newest move, or that which followed an event or led to an alarm. */
 export interface Question {
   loop: Loop;
-  after: number | null;
+  after?: number | null;
+  until?: number | null;
 }
 
 export const SPANS = [0, 10, 60, 600, 3600]; // s; 0: one tick
@@ -20,8 +21,8 @@ export function spanOf(period: number | null): number {
 }
 
 /** The move after an event ends a span later, and not before the tick that it could reach. */
-export function query({loop, after}: Question, span: number, period: number | null): Record<string, string | number | null> {
-  return {output: loop.called, over: span, at: after == null ? null : after + Math.max(span, period ?? 0)};
+export function query({loop, after, until}: Question, span: number, period: number | null): Record<string, string | number | null> {
+  return {output: loop.called, over: span, at: after == null ? (until ?? null) : after + Math.max(span, period ?? 0)};
 }
 
 /** By the first word of an event: the loop whose output moves by it. */

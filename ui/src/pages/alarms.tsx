@@ -22,6 +22,7 @@ import {go, path} from "../router";
 import {AlarmFiguresView} from "./alarmfigures";
 import {AlarmJournal} from "./alarmjournal";
 import {known, tr} from "../core/texts";
+import {WhyButton} from "../why";
 
 type ListView = "standing" | "masked" | "all";
 const VIEWS = ["standing", "masked", "all", "journal", "figures"] as const;
@@ -226,6 +227,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
             {loop && <a href={path("loop", loop.id)}>{tr("alarms.loop", {loop: loop.name})}</a>}
             {(loop ?? signal) && <a href={path("trend", loop?.measurement ? loop.id : of.ref)}>{tr("page.trend")}</a>}
             <a href={path("alarms", "journal")}>{tr("alarms.view.journal")}</a>
+            <WhyButton loop={loop} until={of.now.raised} of={of.alarm} />
           </dd>
         </dl>
         <form class="shelving" onSubmit={event => event.preventDefault()}>

@@ -94,6 +94,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
               <span class="line-label">{tr("overview.sp")}<small><Tag name={setpoint?.name} /></small></span>
               <Bar label={tr("overview.sp")} value={loop.setpoint} scale={scale} ends />
               <Value of={loop.setpoint} unit />
+              <WhyButton loop={p.loops.find(one => one.id === loop.above)} of={setpoint?.name ?? loop.called} />
             </div>
           )}
           {loop.measurement && loop.setpoint && <Deviation of={loop.measurement} from={loop.setpoint} />}
