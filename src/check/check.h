@@ -139,9 +139,15 @@ int check_find_move(struct check_move *move, const struct scenario *scenario, si
 struct scenario_trigger {
     size_t expectation; /* that it does */
     apc_ns after;
-    enum scenario_trigger_what { TRIGGER_ACTION = 1, TRIGGER_SENSOR, TRIGGER_ACTUATOR } what;
+    enum scenario_trigger_what {
+        TRIGGER_ACTION = 1,
+        TRIGGER_SENSOR,
+        TRIGGER_ACTUATOR,
+        TRIGGER_DISTURBANCE
+    } what;
     struct action action;
     size_t fault; /* its place in e.faults or e.actuator_faults */
+    struct apc_disturbance disturbance;
 };
 
 struct scenario {

@@ -19,7 +19,7 @@ struct scenario_change {
     unsigned line; /* 0: of the command line */
 };
 
-/* A fault or action with a condition instead of a time. */
+/* A fault, disturbance or action with a condition instead of a time. */
 struct scenario_when {
     const config_setting_t *group;
     enum scenario_trigger_what what;
@@ -127,6 +127,18 @@ static void read_groups(struct scenario_reading *r, const config_setting_t *root
     }
 }
 
+/* In place of the list at @p path, also where each waits for its condition. */
+static void read_groups_instead(struct scenario_reading *r, const config_setting_t *root, const char *name,
+                                const char *path,
+                                void (*read)(struct scenario_reading *r, const config_setting_t *group))
+{
+    const config_setting_t *list = config_setting_get_member(root, name);
+    const size_t before = r->n;
+    read_groups(r, root, name, read);
+    if (list && r->n == before)
+        add_change(r, path, strdup("( )"), config_setting_source_line(list));
+}
+
 static void add_when(struct scenario_reading *r, struct scenario_when when)
 {
     struct scenario_when *at = reallocarray(r->when, r->n_when + 1, sizeof *at);
@@ -150,7 +162,10 @@ static void read_scenario_action(struct scenario_reading *r, const config_settin
 
 static void read_scenario_disturbance(struct scenario_reading *r, const config_setting_t *group)
 {
-    grow_list(r, "plant.disturbances", group, false);
+    if (has_when(group))
+        add_when(r, (struct scenario_when){.group = group, .what = TRIGGER_DISTURBANCE});
+    else
+        grow_list(r, "plant.disturbances", group, false);
 }
 
 static void put_fault_path(const struct experiment *e, const struct scenario_when *when, char *path,
@@ -349,6 +364,8 @@ static void name_when(const struct scenario_when *when, const struct scenario_tr
         snprintf(later, sizeof later, "%.10g s after ", apc_ns_to_s(trigger->after));
     (void)config_setting_lookup_string(when->group, "kind", &what);
     (void)config_setting_lookup_string(when->group, "signal", &name);
+    if (when->what == TRIGGER_DISTURBANCE && config_setting_lookup_string(when->group, "name", &name))
+        what = "disturbance";
     for (int i = 0; when->what == TRIGGER_ACTION && i < config_setting_length(when->group); i++) {
         const config_setting_t *member = config_setting_get_elem(when->group, (unsigned)i);
         size_t k = 0;
@@ -376,6 +393,8 @@ static void read_trigger(struct scenario_reading *r, const struct scenario_when 
     (void)apc_ns_from_s(after, &trigger->after);
     if (when->what == TRIGGER_ACTION)
         experiment_read_action(&r->s, when->group, &of->e, &trigger->action);
+    else if (when->what == TRIGGER_DISTURBANCE)
+        experiment_read_disturbance(&r->s, when->group, &of->e, &trigger->disturbance);
     else
         find_triggered_fault(r, when, trigger);
     if (r->s.failed)
@@ -448,13 +467,9 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
     read_scenario_member(r, root, "network");
     read_scenario_member(r, root, "clock");
     read_scenario_set(r, root);
-    read_groups(r, root, "disturbances", read_scenario_disturbance);
+    read_groups_instead(r, root, "disturbances", "plant.disturbances", read_scenario_disturbance);
     read_groups(r, root, "faults", read_scenario_fault);
-    const size_t before = r->n;
-    read_groups(r, root, "actions", read_scenario_action);
-    const config_setting_t *actions = config_setting_get_member(root, "actions");
-    if (actions && r->n == before) /* in place of the experiment's all the same */
-        add_change(r, "actions", strdup("( )"), config_setting_source_line(actions));
+    read_groups_instead(r, root, "actions", "actions", read_scenario_action);
     for (size_t i = 0; i < n; i++)
         add_change(r, set[i].path, strdup(set[i].value), 0);
     if (!r->s.failed && r->n > 0)

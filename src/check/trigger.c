@@ -4,7 +4,10 @@
 
 #include "base/parts.h"
 
+#include <string.h>
+
 #define NEVER INT64_MAX
+#define LAST  (INT64_MAX / 4) /* of a disturbance, which the plant adds to a time: behind all others */
 
 /* The experiment with faults of this run alone, since they begin when it says so. */
 int triggers_make(struct run_triggers *t, const struct scenario *of, struct simulation *s)
@@ -13,6 +16,10 @@ int triggers_make(struct run_triggers *t, const struct scenario *of, struct simu
     const size_t n_actuators = of->e.actuator ? of->e.dim.nu : 0;
     size_t n_faults = 0, n_actuator_faults = 0;
     *t = (struct run_triggers){.of = of, .s = s, .e = of->e, .first = -1};
+    const struct apc_disturbance *timed = e->plant.disturbance;
+    const size_t n_timed = e->plant.n_disturbances;
+    for (size_t i = 0; i < of->n_triggers; i++)
+        e->plant.n_disturbances += of->trigger[i].what == TRIGGER_DISTURBANCE;
     for (size_t i = 0; i < e->dim.ny; i++)
         n_faults += e->sensor[i].n_faults;
     for (size_t i = 0; i < n_actuators; i++)
@@ -20,6 +27,7 @@ int triggers_make(struct run_triggers *t, const struct scenario *of, struct simu
     const struct apc_part parts[] = {
         APC_PART(t->met, of->n_triggers),
         APC_PART(t->done, of->n_triggers),
+        APC_PART(e->plant.disturbance, e->plant.n_disturbances),
         APC_PART_COPY(e->sensor, e->dim.ny, of->e.sensor),
         APC_PART_COPY(e->actuator, n_actuators, of->e.actuator),
         APC_PART_COPY(e->faults, n_faults, of->e.faults),
@@ -27,6 +35,10 @@ int triggers_make(struct run_triggers *t, const struct scenario *of, struct simu
     t->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
     if (!t->memory)
         return APC_ENOMEM;
+    if (n_timed > 0)
+        memcpy(e->plant.disturbance, timed, n_timed * sizeof *timed);
+    for (size_t i = n_timed; i < e->plant.n_disturbances; i++)
+        e->plant.disturbance[i].at = LAST;
     for (size_t i = 0, n = 0; i < e->dim.ny; n += e->sensor[i++].n_faults)
         e->sensor[i].fault = e->faults + n;
     for (size_t i = 0, n = 0; i < n_actuators; n += e->actuator[i++].n_faults)
@@ -65,10 +77,22 @@ static struct check_point point_now(const struct run_triggers *t, const struct c
     return point;
 }
 
+/* In a place of those that wait, which are all alike; behind what comes before. */
+static void disturb_now(struct run_triggers *t, const struct apc_disturbance *disturbance, apc_ns at)
+{
+    struct apc_disturbance *first = t->e.plant.disturbance, *d = first + t->e.plant.n_disturbances - 1;
+    for (; d > first && d[-1].at > at; d--)
+        *d = d[-1];
+    *d = *disturbance;
+    d->at = at;
+}
+
 static void happen_now(struct run_triggers *t, const struct scenario_trigger *trigger, apc_ns now)
 {
     if (trigger->what == TRIGGER_ACTION)
         simulation_do(t->s, &trigger->action, "operator");
+    else if (trigger->what == TRIGGER_DISTURBANCE)
+        disturb_now(t, &trigger->disturbance, now - t->first);
     else if (trigger->what == TRIGGER_SENSOR)
         t->e.faults[trigger->fault].at = now - t->first;
     else

@@ -445,6 +445,9 @@ int action_find_owner(const struct experiment *e, const char *name, bool remote,
 struct settings;
 void experiment_read_action(struct settings *s, const struct config_setting_t *group,
                             const struct experiment *e, struct action *action);
+/* The same of a disturbance. */
+void experiment_read_disturbance(struct settings *s, const struct config_setting_t *group,
+                                 const struct experiment *e, struct apc_disturbance *change);
 /* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it. An alarm
  * is acknowledged as it stands; where there is nothing to acknowledge only the event is put. Returns 0 or the store's error. */
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,

@@ -275,27 +275,36 @@ static void read_noise(struct settings *s, const config_setting_t *group, struct
 }
 
 static void read_disturbance(struct settings *s, const config_setting_t *group, const struct apc_model *model,
-                             struct apc_disturbance *change)
+                             bool waits, struct apc_disturbance *change)
 {
-    static const char *const known[] = {"name", "at", "value", NULL};
+    static const char *const timed[] = {"name", "at", "value", NULL}, *const waiting[] = {"name", "when",
+                                                                                          "after", "value",
+                                                                                          NULL};
     char name[EXPERIMENT_NAME] = "";
     struct apc_error why;
     if (!config_setting_is_group(group)) {
         settings_fail(s, group, "expected a group: { name = \"...\"; at = 100.0; value = 1.0; }");
         return;
     }
-    settings_known(s, group, known);
+    settings_known(s, group, waits ? waiting : timed);
     settings_text(s, group, "name", REQUIRED, name, sizeof name);
     if (s->failed)
         return;
     change->k =
         find_plant_variable(s, group, name, model->disturbance, model->nd, "disturbance", model->name);
-    change->at = seconds(s, group, "at", REQUIRED);
+    if (!waits)
+        change->at = seconds(s, group, "at", REQUIRED);
     if (s->failed)
         return;
     settings_number(s, group, "value", REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, &change->value);
     if (!s->failed && apc_model_takes(model, &model->disturbance[change->k], change->value, &why) < 0)
         settings_fail(s, config_setting_get_member(group, "value"), "%s", why.text);
+}
+
+void experiment_read_disturbance(struct settings *s, const config_setting_t *group,
+                                 const struct experiment *e, struct apc_disturbance *change)
+{
+    read_disturbance(s, group, e->plant.model, true, change);
 }
 
 static void read_disturbances(struct settings *s, const config_setting_t *list, struct experiment *e)
@@ -306,7 +315,7 @@ static void read_disturbances(struct settings *s, const config_setting_t *list, 
     for (int i = 0; all && i < n && !s->failed; i++) {
         struct apc_disturbance change = {0};
         size_t at = e->plant.n_disturbances;
-        read_disturbance(s, config_setting_get_elem(list, (unsigned)i), e->plant.model, &change);
+        read_disturbance(s, config_setting_get_elem(list, (unsigned)i), e->plant.model, false, &change);
         for (; at > 0 && all[at - 1].at > change.at; at--) /* by time, as the core wants them */
             all[at] = all[at - 1];
         all[at] = change;

@@ -337,6 +337,10 @@ static void a_mistake_has_the_line_of_the_scenario(void **state)
         {FIRST_ORDER "actions = ( { at = 1.0; signal = \"y\"; set = \"r\"; value = 1.0; } ); expect = ( "
                      "\"never y < 1\" );",
          ":2: there is no action \"signal\""},
+        {FIRST_ORDER
+         "disturbances = ( { name = \"leak\"; when = \"y > 1\"; at = 3.0; value = 1.0; } ); expect "
+         "= ( \"never y < 1\" );",
+         ":2: it has both"},
         {FIRST_ORDER "duration = -1.0; expect = ( \"never y < 1\" );", ":2: "},
         {FIRST_ORDER "runs = 0; expect = ( \"never y < 1\" );", ":2: \"runs\""},
     };
@@ -536,6 +540,42 @@ static void what_has_a_condition_happens_as_at_that_time(void **state)
     }
 }
 
+#define DOUBLE_TANK "experiment = \"" APC_SOURCE_DIR "/experiments/double-tank.conf\"; duration = 300.0;\n"
+
+/* One waits behind another that waits, and one that has its time comes between them; the experiment's own is none. */
+static void a_disturbance_waits_for_its_condition(void **state)
+{
+    static const char expect[] =
+        "expect = ( \"never plant h2 < -1 from 61 s until 140 s\", \"never plant h2 < -1 from 152 s\" );";
+    struct check_verdict when[4], at[2], without[2];
+    char text[1000];
+    (void)state;
+    run_text(
+        DOUBLE_TANK
+        "disturbances = ( { name = \"leak\"; when = \"plant h2 > 0\"; after = 150.0; value = 0.0; },"
+        "{ name = \"leak\"; at = 90.0; value = 0.003; },"
+        "{ name = \"leak\"; when = \"plant h2 > 0\"; after = 60.0; value = 0.001; } );\n"
+        "expect = ( \"never plant h2 < -1 from 61 s until 140 s\", \"never plant h2 < -1 from 152 s\" );",
+        when, 4);
+    assert_int_equal(when[2].is, CHECK_HELD);
+    assert_int_equal(when[3].is, CHECK_HELD);
+    assert_true(when[3].at < 90 * S && when[2].at > 90 * S);
+    snprintf(text, sizeof text,
+             DOUBLE_TANK "disturbances = ( { name = \"leak\"; at = %.9f; value = 0.001; },"
+                         "{ name = \"leak\"; at = 90.0; value = 0.003; },"
+                         "{ name = \"leak\"; at = %.9f; value = 0.0; } ); %s",
+             apc_ns_to_s(when[3].at), apc_ns_to_s(when[2].at), expect);
+    run_text(text, at, 2);
+    run_text(DOUBLE_TANK "disturbances = ( ); expect = ( \"never plant h2 < -1 from 61 s until 140 s\", "
+                         "\"never plant h2 < -1 from 152 s\" );",
+             without, 2);
+    for (size_t k = 0; k < 2; k++) {
+        assert_true(when[k].closest != without[k].closest);
+        assert_memory_equal(&when[k].closest, &at[k].closest, sizeof at[k].closest);
+        assert_int_equal(when[k].closest_at, at[k].closest_at);
+    }
+}
+
 static void a_condition_that_never_comes_true_fails(void **state)
 {
     static const enum check_is is[] = {CHECK_HELD, CHECK_FAILED};
@@ -563,6 +603,7 @@ int main(void)
         cmocka_unit_test(a_scripted_operator_acknowledges_an_alarm_that_stands),
         cmocka_unit_test(an_operator_is_as_quick_as_the_scenario_says),
         cmocka_unit_test(what_has_a_condition_happens_as_at_that_time),
+        cmocka_unit_test(a_disturbance_waits_for_its_condition),
         cmocka_unit_test(a_condition_that_never_comes_true_fails),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
