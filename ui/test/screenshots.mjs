@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The screens, light and dark, and narrow, for scripts/screenshots: of a loop once it has run for long enough; of four tanks under
-// predictive control whose feed fails; of a hundred loops.
+// predictive control whose feed fails; of a hundred loops. In the language of APC_SHOTS_LANGUAGE, by default English.
 import {api, applied, hasContent, launch, open, until} from "./lib.mjs";
 
 const folder = process.env.APC_SHOTS;
 const seconds = Number(process.env.APC_SHOTS_SECONDS);
+const locale = process.env.APC_SHOTS_LANGUAGE ?? "en";
 const size = {width: 1280, height: 800};
 const start = Date.now();
 const browser = await launch();
@@ -17,6 +18,7 @@ async function shots(page, screen, name, {height = size.height, before = async (
     await page.goto(page.url().replace(/#.*/, `#${screen}`));
     await hasContent(page, screen);
     await before();
+    await page.evaluate(() => scrollTo(0, 0)); // a field that has the focus may have moved it
     await new Promise(resolve => setTimeout(resolve, 4500));
     // A page of text is large as a picture: less of it will do.
     await page.screenshot({path: `${folder}/${name}-${look}.png`, clip: {x: 0, y: 0, width, height: look === "narrow" ? size.height : height}});
@@ -31,14 +33,14 @@ async function write(page, name, value) {
 }
 
 async function hundredLoops() {
-  const page = await open(browser, "overview", {viewport: size, url: process.env.APC_SHOTS_HUNDRED});
+  const page = await open(browser, "overview", {viewport: size, locale, url: process.env.APC_SHOTS_HUNDRED});
   await until("the rows have values", async () => (await page.locator("main .rows .value[data-seq]").count()) >= 20);
   await shots(page, "overview", "many");
   await page.context().close();
 }
 
 async function fourTanks() {
-  const page = await open(browser, "alarms", {viewport: size, url: process.env.APC_SHOTS_TANKS});
+  const page = await open(browser, "alarms", {viewport: size, locale, url: process.env.APC_SHOTS_TANKS});
   const raised = 200; // s; who waits for a condition has less patience
   await new Promise(resolve => setTimeout(resolve, Math.max(0, raised * 1000 - (Date.now() - start))));
   await until("the alarm is there", async () => (await page.locator(".alarm-list tbody", {hasText: "h2.low"}).count()) > 0, 250);
@@ -57,7 +59,7 @@ async function fourTanks() {
 }
 
 async function oneLoop() {
-  const page = await open(browser, "loop", {viewport: size});
+  const page = await open(browser, "loop", {viewport: size, locale});
   const rest = () => seconds - (Date.now() - start) / 1000;
   // Not before the scheduler has written the run's first setpoint.
   await until("the output is there", async () => (await api("/api/state")).values["actuator.1"][0] > 0);
@@ -69,8 +71,24 @@ async function oneLoop() {
     await page.locator('input[name="tuning.1"]').fill("0.3");
     await page.locator('input[name="tuning.2"]').fill("12");
   };
+  // A ramp of the setpoint, and what it moves.
+  const ramp = async () => {
+    await page.locator('input[name="setpoint.1"]').fill((await api("/api/state")).values["setpoint.1"][2] > 8 ? "5" : "15");
+    await page.locator('input[name="setpoint.1.over"]').fill("600");
+    await page.locator('input[name="setpoint.1.over"]').press("Enter");
+    await until("the setpoint is on its way", async () => (await api("/api/state")).control.ramps["setpoint.1"] !== undefined);
+  };
+  const why = async () => {
+    if (await page.getByRole("dialog").count()) return;
+    await page.getByRole("button", {name: /^(Why|Warum)\? u$/}).first().click();
+    await page.locator("dialog tbody tr").first().waitFor();
+  };
+  await page.goto(page.url().replace(/#.*/, "#loop"));
+  await hasContent(page, "loop");
+  await ramp();
   for (const screen of ["overview", "loop", "trend", "events", "timing", "diagnostics", "plants"])
     await shots(page, screen, screen, {height: screen === "events" ? 600 : screen === "plants" ? 400 : size.height, before: screen === "loop" ? halfway : undefined, narrow: screen === "loop" || screen === "overview"});
+  await shots(page, "loop", "why", {before: why}); // the ramp has gone on for long enough
   await page.context().close();
 }
 
