@@ -72,14 +72,6 @@ double *apc_record_gather(struct apc_record *r, const double *u0, const double *
     return u;
 }
 
-struct apc_record apc_record_until(const struct apc_record *r, size_t n)
-{
-    struct apc_record first = *r;
-
-    first.n = n;
-    return first;
-}
-
 double apc_spectral_radius(size_t n, const double *A, double *work)
 {
     double *power = work, *square = work + n * n, root = 1.0, log_radius = 0.0;

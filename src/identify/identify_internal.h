@@ -81,8 +81,6 @@ size_t apc_record_more_levels(size_t levels, double periods);
 /* With room for K, covariance, delay, and a linear model of zeros. Returns 0, APC_EINVAL, APC_ENOMEM. */
 int apc_identified_create(struct apc_identified **model, const struct apc_record *r, size_t nx,
                           struct apc_error *why);
-/* The record up to sample @p n. */
-struct apc_record apc_record_until(const struct apc_record *r, size_t n);
 /* How badly the model's free run goes with r from @p from on, that share of each run: root mean square of the
  * errors of all outputs, each relative to its deviation. HUGE_VAL: it runs away. Negative: an error. */
 double apc_identified_misfit(const struct apc_identified *model, const struct apc_record *r, size_t from);

@@ -794,7 +794,7 @@ static void no_vector_is_longer_than_a_frame_holds(void **state)
         model = apc_model_first_order;
         *(what % 2 ? &model.nu : &model.ny) = what < 2 ? 0 : 8193;
         assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
-        assert_non_null(strstr(why.text, "each must be 1 to 8192"));
+        assert_non_null(strstr(why.text, "8192"));
     }
     model.nu = model.ny = 8192;
     assert_int_equal(apc_plantserver_create(&server, &o, &why), 0);

@@ -314,7 +314,7 @@ static void without_a_confirmation_it_is_unknown_and_may_still_be_applied(void *
     settle(8 * S + 1);
     settle(100 * S);
     assert_string_equal(told, "accepted unknown"); /* said once */
-    shows("key-0001", "written, but controller base does not confirm it");
+    shows("key-0001", "controller base");
     took(KP, 0.3, APC_GOOD);
     settle(1000 * S);
     assert_string_equal(told, "accepted unknown applied");
