@@ -71,6 +71,9 @@ int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *a
 int apc_wish_poll(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
 double apc_wish_force(const struct apc_wish *wish); /* what is in force */
 int64_t apc_wish_time(const struct apc_wish *wish); /* of its row */
+/* Enter something in the log book, as `apc log`. Returns 1, 0: it is there already, or an error. */
+int apc_log_enter(struct apc_store *store, const char *author, const char *signal, const char *entry, bool signs,
+                  struct apc_error *why);
 /* Say that the role of @p user is too low, and which it takes. Returns APC_EPERM. */
 int apc_wish_role(const char *user, const char *role, const char *wanted, struct apc_error *why);
 

@@ -121,6 +121,24 @@ int64_t apc_wish_time(const struct apc_wish *w)
     return w->operation.time;
 }
 
+int apc_log_enter(struct apc_store *store, const char *author, const char *signal, const char *entry, bool signs,
+                  struct apc_error *why)
+{
+    const struct logbook_entry of = {.author = author, .signal = signal, .text = entry, .signs = signs};
+    struct known_plant plant;
+    struct apc_event event;
+    struct change_fault fault = {0};
+    int rc = known_load(&plant, store);
+
+    if (rc < 0)
+        rc = failed(store, rc, why);
+    else if ((rc = logbook_make(&plant.view, &of, &event, &fault)) < 0 ||
+             (rc = logbook_add(store, -1, &event, &fault)) < 0)
+        rc = said(&fault, why);
+    known_free(&plant);
+    return rc;
+}
+
 int apc_wish_role(const char *user, const char *role, const char *wanted, struct apc_error *why)
 {
     struct change_fault fault;

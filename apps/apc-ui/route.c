@@ -34,6 +34,7 @@ const struct route routes[] = {
     {"POST", "/api/owner", ROLE_OPERATOR, WRITER, post_owner, "", "take a setpoint, or give it back"},
     {"POST", "/api/tuning", ROLE_ENGINEER, WRITER, post_tuning, "", "change tunings"},
     {"POST", "/api/undo", ROLE_OPERATOR, WRITER, post_undo, "", "take back one's last write"},
+    {"POST", "/api/log", ROLE_OPERATOR, WRITER, post_log, "", "enter something in the log book, or sign it"},
     {"POST", "/api/alarms/{name}/ack", ROLE_OPERATOR, WRITER, post_alarm_ack, "", "acknowledge an alarm"},
     {"POST", "/api/alarms/{name}/shelve", ROLE_OPERATOR, WRITER, post_alarm_shelve, "",
      "shelve an alarm, or end that"},

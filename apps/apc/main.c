@@ -29,6 +29,7 @@ static const struct {
     {"promote", command_promote, "make a shadow controller the active one", NULL},
     {"watch", command_watch, "follow values as they change", NULL},
     {"alarm", command_alarm, "list, acknowledge and shelve alarms; their journal", NULL},
+    {"log", command_log, "enter something in the log book, or sign a handover", NULL},
     {"history", command_history, "past values of a variable, or events", "Look back"},
     {"why", command_why, "which inputs moved an output, and by how much", NULL},
     {"timing", command_timing, "lateness, jitter, run time and missed ticks of the tasks", NULL},

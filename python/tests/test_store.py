@@ -60,6 +60,17 @@ def test_a_store_as_it_was(store):
         then.read("y")
 
 
+# Promise(page/log-book)
+def test_what_people_enter_stands_among_the_events(store):
+    assert store.log("filter cleaned", "y", "Ann") and not store.log("filter cleaned", "y", "Ann")
+    assert store.log("taken over", author="Ben", sign=True)
+    assert [(e.source, e.kind, e.text) for e in store.events(last=2)] == [("Ann", "log", "y: filter cleaned"), ("Ben", "handover", "taken over")]
+    with pytest.raises(apc.NotFoundError, match='no signal "q"'):
+        store.log("?", "q")
+    with pytest.raises(apc.InvalidError, match="one line of UTF-8"):
+        store.log("two\nlines")
+
+
 # Promise(simulation/why-output-in-a-store)
 def test_why_an_output_moved():
     e = apc.Experiment("here.conf", TEXT)

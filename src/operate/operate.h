@@ -428,6 +428,29 @@ struct ramp_told {
 int ramps_step(struct ramps *ramps, struct apc_store *store, struct apc_now now,
                const struct ramp_told *told);
 
+/* ---- Log book -------------------------------------------------------------------------------- */
+
+/*
+ * What people enter, of kind "log", and with what they take over a shift, of kind "handover": events under their
+ * names, beside those of what they write. An entry of a signal begins with its name: "y1: cleaned".
+ */
+#define LOGBOOK_TEXT 180 /* bytes of an entry; an event has little more room */
+
+struct logbook_entry {
+    const char *author;
+    const char *signal; /* what it is of; "" or NULL: nothing certain */
+    const char *text;
+    bool signs; /* a handover */
+};
+
+/* Check it and make its event, but for the time. Returns 0, or an error with "variable" or "value". */
+int logbook_make(const struct plant_view *plant, const struct logbook_entry *entry, struct apc_event *event,
+                 struct change_fault *why);
+/* Enter it now. What the same author has entered within a minute is not entered again: time is that one's then. @p
+ * seen: UTC, the newest entry that whoever signs has read, and there is none that is newer; < 0: whatever there is.
+ * Returns 1, 0: it is there already; or an error with "stale", "unknown" or "store". */
+int logbook_add(struct apc_store *store, apc_ns seen, struct apc_event *event, struct change_fault *why);
+
 /* ---- Requests ------------------------------------------------------------------------------- */
 
 /*

@@ -21,6 +21,7 @@ import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {GraphicPage} from "./pages/graphic";
+import {LogBookPage} from "./pages/logbook";
 import {LoopPage} from "./pages/loop";
 import {OverviewPage} from "./pages/overview";
 import {PlantsPage} from "./pages/plants";
@@ -113,6 +114,7 @@ function Whole(): JSX.Element {
         {page === "prediction" && <PredictionPage about={about} />}
         {page === "graphic" && <GraphicPage />}
         {page === "plants" && <PlantsPage />}
+        {page === "logbook" && <LogBookPage />}
       </main>
       <OpenFaceplate />
       <OpenWhy />

@@ -719,6 +719,42 @@ test("events: newest first, with a mark; those that come are filtered as the ser
   env.routes.set("/api/events", route);
 });
 
+// Promise(page/handover-signed)
+test("log book: what is entered goes once; a handover lists what stands, and is signed by who has read the newest entry", async () => {
+  const route = env.routes.get("/api/events")!;
+  const sent: Record<string, unknown>[] = [];
+  const at = server.now - 100;
+  env.routes.set("/api/events", asked => asked.answer({t: server.now, events: [event(at - 50, 1, "taken over", "handover"), event(at, 1, "y1: <b>cleaned</b>", "log")], more: false}));
+  env.routes.set("/api/log", asked => {
+    sent.push(asked.body as Record<string, unknown>);
+    asked.answer(event(server.now, 1, "x", "log"));
+  });
+  await show("logbook");
+  await env.pass(0.5);
+  await settle();
+  const cells = (): string => [...document.querySelectorAll(".logbook tbody tr:first-child td")].slice(1).map(cell => cell.textContent).join(",");
+  assert.equal(cells(), "anna,log,y1: <b>cleaned</b>");
+  assert.equal(document.querySelector(".logbook tbody b"), null);
+  assert.match(said(".handover dl"), /Entries since \(1\).*<b>cleaned<\/b>/);
+  assert.match(said(".handover summary"), /last signed by anna/);
+  const tick = document.querySelector<HTMLInputElement>(".handover input")!;
+  const sign = button("Sign") as HTMLButtonElement;
+  assert.equal(sign.disabled, true, "not read yet");
+  await click(tick);
+  assert.equal((button("Sign") as HTMLButtonElement).disabled, false);
+  env.source.send("event", {events: [event(server.now, 1, "pump is loud", "log")]});
+  await settle();
+  assert.equal((button("Sign") as HTMLButtonElement).disabled, true, "there is something new to be read");
+  await click(document.querySelector<HTMLInputElement>(".handover input")!);
+  await submit(".handover form");
+  await settle();
+  assert.equal(sent.length, 1);
+  assert.equal(sent[0]!.sign, true);
+  assert.equal(sent[0]!.seen, server.now);
+  assert.match(String(sent[0]!.text), /^read and signed: \d+ alarms open, .* 2 entries$/);
+  env.routes.set("/api/events", route);
+});
+
 const cause = (input: string, kind: string, before: number | null, now: number | null, effect: number, rest: object = {}) => ({input, kind, unit: "m", before, now, status_before: "Good", status: "Good", written: null, author: null, event: null, effect, ...rest});
 
 // Promise(page/page-why): *Why?* beside an output, or an event that may have moved one, tells the causes by their effect, who wrote,

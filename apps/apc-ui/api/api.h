@@ -41,6 +41,7 @@ void post_output(struct ui *ui, struct request *r, struct apc_store *store);
 void post_mode(struct ui *ui, struct request *r, struct apc_store *store);
 void post_owner(struct ui *ui, struct request *r, struct apc_store *store);
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
+void post_log(struct ui *ui, struct request *r, struct apc_store *store);
 void post_undo(struct ui *ui, struct request *r, struct apc_store *store);
 void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
 void get_livez(struct ui *ui, struct request *r, struct apc_store *store);

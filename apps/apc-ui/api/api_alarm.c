@@ -356,17 +356,12 @@ static void begin_alarm_write(struct ui *ui, struct request *r, const struct ala
                               struct order *o, struct apc_store *store)
 {
     const struct alarm_now *now = board->e.n_alarms > 0 ? alarm_summary_find(board, r->name) : NULL;
-    const apc_ns mono = apc_clock_mono(NULL);
-    apc_ns again;
     if (!now) {
         fault_set(&r->fault, 404, "alarm", NULL, "there is no alarm \"%.63s\"", r->name);
         return;
     }
-    if (!session_may_write(&ui->sessions, r->session.token, mono, &again)) {
-        r->retry_after = again - mono;
-        fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
+    if (!request_may_write(ui, r))
         return;
-    }
     const struct apc_sample *wish = now->wish[ALARM_WISH(o->which)];
     struct change_target to = {.table = wish->table, .id = wish->id};
     snprintf(to.name, sizeof to.name, "%s", r->name);

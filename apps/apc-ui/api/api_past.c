@@ -51,11 +51,23 @@ static bool contains(const char *text, const char *word)
     return strcasestr(text, word) != NULL;
 }
 
+/* Of several kinds, with commas between them. */
+static bool is_of_kinds(const char *kinds, const char *kind)
+{
+    const size_t n = strlen(kind);
+    for (const char *at = kinds; at; at = strchr(at, ',')) {
+        at += *at == ',';
+        if (!strncmp(at, kind, n) && (at[n] == ',' || at[n] == '\0'))
+            return true;
+    }
+    return false;
+}
+
 static int take_past_event(void *ctx, const struct apc_event *event)
 {
     struct event_filter *f = ctx;
     if (event->severity < (enum apc_event_severity)f->severity ||
-        (f->kind && strcmp(event->kind, f->kind) != 0) ||
+        (f->kind && !is_of_kinds(f->kind, event->kind)) ||
         (f->source && strcmp(event->source, f->source) != 0) || (f->text && !contains(event->text, f->text)))
         return 0;
     f->ring[f->matched++ % (uint64_t)f->last] = *event;

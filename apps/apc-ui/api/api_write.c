@@ -15,7 +15,7 @@
 #include "operate/operate.h"
 
 /* Which status each code of change_fault has. */
-static bool fault_change(struct request *r, const struct change_fault *why, const char *field)
+bool fault_change(struct request *r, const struct change_fault *why, const char *field)
 {
     static const struct {
         const char *code;
@@ -145,6 +145,16 @@ static bool is_first(struct request *r, int rc, struct apc_store *store)
 bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store)
 {
     return is_first(r, writes_begin(ui->writes, write, &r->reply), store);
+}
+
+bool request_may_write(struct ui *ui, struct request *r)
+{
+    const apc_ns now = apc_clock_mono(NULL);
+    apc_ns again;
+    if (session_may_write(&ui->sessions, r->session.token, now, &again))
+        return true;
+    r->retry_after = again - now;
+    return fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
 }
 
 void event_because(struct apc_event *event, const char *reason)
@@ -558,13 +568,8 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
     o->write.change = o->change;
     o->write.time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US; /* as the store keeps it */
     memcpy(o->write.user, r->session.user, sizeof o->write.user);
-    apc_ns now = apc_clock_mono(NULL), again;
-    if (read_write_order(r, o) && !session_may_write(&ui->sessions, r->session.token, now, &again)) {
-        r->retry_after = again - now;
-        fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
-    }
-    if (!r->fault.http && (kind != WRITE_UNDO || find_undo(ui, r, o, store)) &&
-        request_begin(ui, r, &o->write, store))
+    if (read_write_order(r, o) && request_may_write(ui, r) &&
+        (kind != WRITE_UNDO || find_undo(ui, r, o, store)) && request_begin(ui, r, &o->write, store))
         carry_out_write(ui, r, o, store);
     known_free(&o->plant);
     free(o);

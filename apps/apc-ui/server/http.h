@@ -110,6 +110,10 @@ bool request_reason(struct request *r, const json_t *body, char reason[REASON_LE
 /* Is it to be carried out? False: a fault is set, or the reply is what became of it when it was asked for
  * before. */
 bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store);
+/* Has its user written too much lately? False: a fault is set. */
+bool request_may_write(struct ui *ui, struct request *r);
+/* What operate says is wrong, with the status of its code. Returns false. */
+bool fault_change(struct request *r, const struct change_fault *why, const char *field);
 void event_because(struct apc_event *event, const char *reason);
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);

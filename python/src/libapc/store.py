@@ -251,6 +251,15 @@ class Store:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
         return Mode(int(self._wish(loop, float(Mode._wanted(mode)), lib.APC_WISH_MODE, author, wait).value))
 
+    def log(self, text: str, signal: str = "", author: Optional[str] = None, sign: bool = False) -> bool:
+        """Enter a line in the log book of the plant, of at most 180 bytes, about a signal or nothing certain. `sign`: a
+        handover is taken over. False: the same author has entered the same within a minute, and it stands once."""
+        reason = why()
+        with self._owned as s:
+            self._live(s, "apc log")
+            return check(lib.apc_log_enter(s, utf8("author", author or _user()), utf8("signal", signal),
+                                           utf8("text", text), sign, reason), reason) > 0
+
     def alarms(self) -> list[Alarm]:
         """All that the store describes, as they stand."""
         with self._owned as s:

@@ -301,6 +301,35 @@ static void ones_last_write_is_undone_by_its_time_once(void **state)
     assert_near(in_force(APC_TUNING, 1, &seq), 10, 0);
 }
 
+/* Promise(page/log-book) */
+static void what_is_entered_in_the_log_book_is_an_event(void **state)
+{
+    char body[200];
+    (void)state;
+    for (int i = 0; i < 2; i++) { /* pressed twice */
+        json_t *entry = post(post_log, "{\"text\":\"cleaned\",\"signal\":\"r1\"}");
+        assert_int_equal(request.fault.http, 0);
+        assert_string_equal(json_string_value(json_object_get(entry, "text")), "r1: cleaned");
+        json_decref(entry);
+    }
+    assert_string_equal(newest_text(), "r1: cleaned");
+    assert_string_equal(newest.kind, "log");
+    assert_string_equal(newest.source, "local");
+    assert_int_equal(refused(post_log, "{}"), 400);
+    assert_int_equal(refused(post_log, "{\"text\":\"\"}"), 422);
+    assert_int_equal(refused(post_log, "{\"text\":\"x\",\"signal\":\"q\"}"), 404);
+    assert_int_equal(refused(post_log, "{\"text\":\"x\",\"seen\":0}"), 400);
+    assert_int_equal(refused(post_log, "{\"text\":\"x\",\"sign\":true}"), 400);
+    assert_int_equal(refused(post_log, "{\"text\":\"x\",\"sign\":true,\"seen\":-1}"), 422);
+    assert_int_equal(refused(post_log, "{\"text\":\"x\",\"sign\":true,\"seen\":0}"), 409);
+    assert_string_equal(request.fault.code, "stale");
+    snprintf(body, sizeof body, "{\"text\":\"taken over\",\"sign\":true,\"seen\":%.6f}",
+             (double)newest.time / 1e9);
+    assert_int_equal(refused(post_log, body), 0);
+    assert_string_equal(newest_text(), "taken over");
+    assert_string_equal(newest.kind, "handover");
+}
+
 /* Promise(modes/ramp) */
 static void a_ramp_begins_where_it_is_and_is_stopped(void **state)
 {
@@ -900,6 +929,7 @@ int main(void)
         T(a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said),
         T(a_setpoint_that_was_taken_is_given_back_to_the_scheduler),
         T(ones_last_write_is_undone_by_its_time_once),
+        T(what_is_entered_in_the_log_book_is_an_event),
         T(a_ramp_begins_where_it_is_and_is_stopped),
         T(as_many_tunings_as_there_are_go_at_once),
         T(a_stale_write_is_told_what_is_newer),

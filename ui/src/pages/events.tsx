@@ -15,7 +15,7 @@ import {inEnglish, known, tr} from "../core/texts";
 import {loopOf, moved} from "../core/why";
 import {WhyButton} from "../why";
 
-const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
+const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm", "log", "handover"];
 const SINCE = [
   {name: "common.last1h", seconds: 3600},
   {name: "common.last24h", seconds: 86400},
