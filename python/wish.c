@@ -121,8 +121,8 @@ int64_t apc_wish_time(const struct apc_wish *w)
     return w->operation.time;
 }
 
-int apc_log_enter(struct apc_store *store, const char *author, const char *signal, const char *entry, bool signs,
-                  struct apc_error *why)
+int apc_log_enter(struct apc_store *store, const char *author, const char *signal, const char *entry,
+                  bool signs, struct apc_error *why)
 {
     const struct logbook_entry of = {.author = author, .signal = signal, .text = entry, .signs = signs};
     struct known_plant plant;
