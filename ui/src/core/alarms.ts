@@ -34,11 +34,10 @@ export function ranked(all: AlarmIs[], standing: Standing): Alarm[] {
   return all.map(one => ({...one, now: standing.get(one.id) ?? normal(one.id)})).sort(urgency);
 }
 
-/** In the order that stood when somebody began to point at them: what has come since comes last, what has gone stays. */
-export function kept(order: number[], wanted: Alarm[], all: Alarm[]): Alarm[] {
+/** Those that were there when somebody began to point at them, in the order of then, however they stand now. */
+export function kept(order: number[], all: Alarm[]): Alarm[] {
   const byId = new Map(all.map(one => [one.id, one]));
-  const there = new Set(order);
-  return [...order.flatMap(id => byId.get(id) ?? []), ...wanted.filter(one => !there.has(one.id))];
+  return order.flatMap(id => byId.get(id) ?? []);
 }
 
 export const isMasked = ({now}: Alarm): boolean => now.seq > 0 && !now.standing && now.state !== "Normal";

@@ -52,7 +52,7 @@ export interface Area {
 }
 
 /** The tree of areas, each below what it is in; with how many there are within. */
-export function areasOf(items: Item[]): Area[] {
+export function areasOf(items: Pick<Item, "area">[]): Area[] {
   const counts = new Map<string, number>();
   for (const {area} of items) {
     const parts = area === "" ? [] : area.split("/");

@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The alarms: those that stand, those that are masked, all of them; what each one means, and what to do with it.
 import type {JSX} from "preact";
-import {useEffect, useRef, useState} from "preact/hooks";
+import {memo} from "preact/compat";
+import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
 import {usePress} from "../usepress";
 import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
-import {acknowledgement, type Alarm, counted, countsText, found, isMasked, kept, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
+import {everything, isFiltering, passes, placesOf, STATES, waitingOf} from "../core/alarmfilter";
+import {acknowledgement, type Alarm, counted, countsText, isMasked, kept, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
 import {Cell} from "../core/cell";
+import {env} from "../core/env";
 import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
 import {isOnItsWay} from "../core/lifecycle";
 import {alarms, control, plant, second, serverNow, variable} from "../core/model";
 import {slot, tooLong} from "../core/writing";
+import {AlarmFilterForm, Waiting} from "../parts/alarmfilter";
 import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
 import {Tag} from "../parts/tag";
@@ -62,32 +66,49 @@ export function AlarmsPage({about}: {about: string | null}): JSX.Element {
 
 const shows: Record<ListView, (one: Alarm) => boolean> = {standing: one => one.now.standing, masked: isMasked, all: () => true};
 
+const HOLD = 60; // s without a move or a key: whoever pointed at the list has gone
+
 function List({view, all, shelveMax, open: named}: {view: ListView; all: Alarm[]; shelveMax: number; open: number | null}): JSX.Element {
-  const [text, setText] = useState("");
+  const [chosen, setFilter] = useState(everything);
+  const filter = useMemo(() => ((STATES[view] as readonly string[]).includes(chosen.state) ? chosen : {...chosen, state: "" as const}), [chosen, view]);
   const [opened, setOpened] = useState<ReadonlySet<number>>(new Set());
   const last = useRef<number | null>(null);
   const [most, setMost] = useState(MOST);
   const p = useCell(plant);
   const barred = useWriteBar();
+  useCell(second);
   // What a link names is in the list, however it stands; it is opened when the link is followed, and may be closed then.
   const open = named != null && named !== last.current ? new Set([...opened, named]) : opened;
   if (named !== last.current) {
     last.current = named;
     if (named != null) setOpened(open);
   }
-  const wanted = all.filter(one => one.id === named || (shows[view](one) && found(text, one)));
-  // While somebody points at it, or has the focus in it, nothing moves in the list.
+  const places = useMemo(() => placesOf(p?.alarms?.all ?? [], p?.loops ?? []), [p]);
+  const candidates = all.filter(one => one.id === named || shows[view](one));
+  const isWanted = (one: Alarm): boolean => one.id === named || passes(filter, one, places);
+  const wanted = candidates.filter(isWanted);
+  const hidden = candidates.filter(one => !isWanted(one));
+  // While somebody points at it, or has the focus in it, nothing moves in the list, and what is new waits.
   const [order, setOrder] = useState<number[] | null>(null);
-  const rows = order ? kept(order, wanted, all) : wanted;
-  useEffect(() => setOrder(null), [text, view]);
-  const hold = (): void => setOrder(was => was ?? wanted.map(one => one.id));
+  const touched = useRef(0);
+  const rows = order ? kept(order, all) : wanted;
+  const held = new Set(order);
+  const fresh = order ? wanted.filter(one => !held.has(one.id)) : [];
+  useEffect(() => setOrder(null), [filter, view]);
+  useEffect(() => {
+    if (order && env.mono() - touched.current > HOLD) setOrder(null);
+  });
+  const hold = (): void => {
+    touched.current = env.mono();
+    setOrder(was => was ?? wanted.map(one => one.id));
+  };
   const free = ({currentTarget: list}: {currentTarget: HTMLElement}, focused: Element | null): void => {
     if (!focused || !list.contains(focused) || !focused.matches(":focus-visible")) setOrder(null); // a press leaves a focus as well, which nobody sees
   };
   const shown = rows.slice(0, most);
   const waiting = shown.filter(isUnacknowledged);
-  const everything = usePress(waiting, those => void acknowledgeAll(those));
-  const toggle = (id: number): void => setOpened(new Set(open.has(id) ? [...open].filter(one => one !== id) : [...open, id]));
+  const everyone = usePress(waiting, those => void acknowledgeAll(those));
+  const toggle = (id: number): void => setOpened(was => new Set(was.has(id) ? [...was].filter(one => one !== id) : [...was, id]));
   const exportCsv = (): void =>
     downloadText(
       `${p?.name ?? "apc"}-alarms.csv`,
@@ -98,34 +119,45 @@ function List({view, all, shelveMax, open: named}: {view: ListView; all: Alarm[]
     );
   return (
     <>
-      <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
-        <label>{tr("common.contains")} <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
-        <span class="say" role="status">{tr(order && rows.some((one, i) => one !== wanted[i]) ? "alarms.held" : "alarms.shown", {n: rows.length})}</span>
+      <AlarmFilterForm view={view} filter={filter} change={setFilter} places={places}>
         <span class="spring" />
-        <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} {...everything.on}>
+        <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} {...everyone.on}>
           {waiting.length > 0 ? tr("alarms.acknowledgeAllN", {n: waiting.length}) : tr("alarms.acknowledgeAll")}
         </button>
         <button type="button" onClick={exportCsv}>CSV</button>
-      </form>
+      </AlarmFilterForm>
+      <div class="list-state">
+        <span role="status">
+          <span class="say">{tr(order && fresh.length === 0 ? "alarms.held" : "alarms.shown", {n: rows.length})}</span>
+          {fresh.length > 0 && <b class="fresh">{tr("alarms.fresh", {n: fresh.length})} <Waiting of={waitingOf(fresh)} /></b>}
+          {hidden.length > 0 && <span class="hides">{tr("alarms.hidden", {n: hidden.length})} <Waiting of={waitingOf(hidden)} say /></span>}
+        </span>
+        {isFiltering(filter) && <button type="button" onClick={() => setFilter(everything)}>{tr("alarms.clearFilter")}</button>}
+      </div>
       <div class="panel scroll" tabIndex={0} role="region" aria-label={tr("alarms.list", {view: tr(`alarms.view.${view}`)})}>
         <table
           class="data cards alarm-list"
           onPointerEnter={hold}
+          onPointerMove={hold}
           onPointerLeave={event => free(event, document.activeElement)}
           onFocusIn={hold}
           onFocusOut={event => {
             if (!event.currentTarget.matches(":hover")) free(event, event.relatedTarget as Element | null);
           }}
+          onKeyDown={event => {
+            hold();
+            alongRows(event);
+          }}
         >
           <thead>
             <tr>
-              <th scope="col">{tr("common.priority")}</th>
+              <th scope="col" class="mark"><span class="hidden">{tr("common.priority")}</span></th>
+              <th scope="col" class="digits">{tr("alarms.activated", {zone})}</th>
               <th scope="col">{tr("common.alarm")}</th>
               <th scope="col" class="wide">{tr("common.message")}</th>
               <th scope="col" class="number">{tr("common.value")}</th>
-              <th scope="col">{tr("common.state")}</th>
-              <th scope="col">{tr("alarms.activated", {zone})}</th>
-              <th scope="col"><span class="hidden">{tr("alarms.act")}</span></th>
+              <th scope="col" class="state">{tr("common.state")}</th>
+              <th scope="col" class="acts"><span class="hidden">{tr("alarms.act")}</span></th>
             </tr>
           </thead>
           <tbody>
@@ -135,14 +167,33 @@ function List({view, all, shelveMax, open: named}: {view: ListView; all: Alarm[]
             ])}
           </tbody>
         </table>
-        {rows.length === 0 && <p class="say">{text !== "" ? tr("common.nothingMatches") : view === "standing" ? tr("alarms.noneActive") : tr("common.none")}</p>}
+        {rows.length === 0 && <p class="say">{isFiltering(filter) ? tr("common.nothingMatches") : view === "standing" ? tr("alarms.noneActive") : tr("common.none")}</p>}
         {rows.length > most && <button type="button" onClick={() => setMost(most * 5)}>{tr("alarms.more", {n: rows.length - most})}</button>}
       </div>
     </>
   );
 }
 
-function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void}): JSX.Element {
+/** Up and down go from row to row: to what acknowledges, else to what opens. */
+function alongRows(event: JSX.TargetedKeyboardEvent<HTMLElement>): void {
+  const way = {ArrowDown: 1, ArrowUp: -1}[event.key];
+  const at = (event.target as HTMLElement).closest("tr:not(.detail)");
+  if (way == null || !at) return;
+  const rows = [...event.currentTarget.querySelectorAll("tbody tr:not(.detail)")];
+  const to = rows[rows.indexOf(at) + way]?.querySelectorAll<HTMLElement>(".acts button:not(:disabled)")[0];
+  if (!to) return;
+  event.preventDefault();
+  to.focus();
+}
+
+interface RowProps {
+  of: Alarm;
+  open: boolean;
+  toggle: () => void;
+}
+
+/** Rendered anew when it stands otherwise: of a list in a flood those are few. */
+const Row = memo(function Row({of, open, toggle}: RowProps): JSX.Element {
   const {now} = of;
   const barred = useWriteBar();
   const view = useCell(slot(`ack.${of.id}`));
@@ -150,38 +201,52 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
   const act = acknowledgement(of);
   const signal = variable(of.ref);
   const busy = isOnItsWay(view, serverNow());
+  const lost = view != null && view.phase !== "applied" && !busy;
   const press = usePress(of, one => void acknowledge(one));
   return (
     <tr class={isUnacknowledged(of) ? "unacknowledged" : ""}>
-      <td data-label={tr("common.priority")}><Shape priority={of.priority} label={known("alarmkind", of.kind)} hollow={!isUnacknowledged(of)} /></td>
-      <th scope="row">
+      <td class="mark" data-label={tr("common.priority")}><Shape priority={of.priority} label={known("alarmkind", of.kind)} hollow={!isUnacknowledged(of)} /></td>
+      <td class="digits" data-label={tr("alarms.activatedShort")}>
+        {now.raised == null ? "–" : stamp(now.raised)}
+        {since(of) && <small class="since">{since(of)}</small>}
+      </td>
+      <th scope="row" title={`${of.alarm} ${of.area}`}>
         <span><Tag name={of.alarm} />{of.area && <small>{of.area}</small>}</span>
       </th>
-      <td class="wide" data-label={tr("common.message")}>{of.message || known("alarmkind", of.kind)}</td>
+      <td class="wide" data-label={tr("common.message")} title={of.message}>
+        {lost ? <WriteStatus of={`ack.${of.id}`} retry={() => void acknowledge(of)} /> : of.message || known("alarmkind", of.kind)}
+      </td>
       <td class="number" data-label={tr("common.value")}>{signal && signal.table !== "opmode" && <Value of={of.ref} unit />}</td>
-      <td data-label={tr("common.state")}>
+      <td class="state" data-label={tr("common.state")} title={stateWords(now.state)}>
         {stateWords(now.state)}
         {now.shelved_until != null && <small>{tr("alarms.until", {time: clock(now.shelved_until)})}</small>}
         {now.author && <small>{now.author}</small>}
       </td>
-      <td class="digits" data-label={tr("alarms.activatedShort")}>
-        {now.raised == null ? "–" : stamp(now.raised)}
-        {now.time != null && now.time !== now.raised && <small>{tr("alarms.soSince", {time: stamp(now.time)})}</small>}
-      </td>
       <td class="acts">
         <div class="entry-line">
           {act && (
-            <button type="button" class="primary" disabled={barred != null || busy} title={barred ?? undefined} {...press.on}>
+            <button
+              type="button"
+              class="primary"
+              disabled={barred != null || busy}
+              title={barred ?? undefined}
+              {...press.on}
+              onClick={({currentTarget: {nextElementSibling: beside}}) => {
+                press.on.onClick();
+                if (beside instanceof HTMLElement) beside.focus(); // what is disabled loses it, and the keys with it
+              }}
+            >
               {busy ? tr("alarmline.onItsWay") : tr(`alarmline.${act}`)}<span class="hidden"> {of.alarm}</span>
             </button>
           )}
           <button type="button" aria-expanded={open} onClick={toggle}>{tr(open ? "alarms.shut" : "alarms.open")}<span class="hidden"> {tr("alarms.about", {alarm: of.alarm})}</span></button>
         </div>
-        {view && view.phase !== "applied" && !busy && <WriteStatus of={`ack.${of.id}`} retry={() => void acknowledge(of)} />}
       </td>
     </tr>
   );
-}
+}, (a, b) => a.of.now === b.of.now && a.open === b.open);
+
+const since = ({now}: Alarm): string | null => (now.time != null && now.time !== now.raised ? tr("alarms.soSince", {time: stamp(now.time)}) : null);
 
 const still = new Cell(0);
 const TIMES = [900, 1800, 3600, 2 * 3600, 4 * 3600, 8 * 3600];
@@ -222,6 +287,8 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
           <dd>
             {known("alarmkind", of.kind)}{of.limit != null && `, ${tr("alarms.limit", {limit: `${exact(of.limit)} ${signal?.unit ?? ""}`})}`}{signal?.description && `, ${signal.description}`}
           </dd>
+          <dt>{tr("common.state")}</dt>
+          <dd>{[stateWords(of.now.state), since(of), of.now.author].filter(Boolean).join(", ")}</dd>
           <dt>{tr("alarms.goTo")}</dt>
           <dd class="links">
             {loop && <a href={path("loop", loop.id)}>{tr("alarms.loop", {loop: loop.name})}</a>}
