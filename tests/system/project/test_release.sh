@@ -12,7 +12,7 @@ version=$(sed -n 's/^project(apc VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)
 for named in "CITATION.cff $(sed -n 's/^version: //p' CITATION.cff)" "python/pyproject.toml $(sed -n 's/^version = "\(.*\)"/\1/p' python/pyproject.toml)" \
   "ui/package.json $(sed -n 's/^  "version": "\(.*\)",/\1/p' ui/package.json)" "ui/package-lock.json $(sed -n '3s/^  "version": "\(.*\)",/\1/p' ui/package-lock.json)" \
   "debian/changelog $(sed -n '1s/^apc (\(.*\)) .*/\1/p' debian/changelog)" "debian/control $(sed -n 's/^Package: libapc\([0-9.]*\)$/\1/p' debian/control).${version##*.}" \
-  "README.md $(sed -n 's/.*it is young: version \([0-9.]*\).*/\1/p' README.md).${version##*.}" \
+  "README.md $(sed -n 's/.* is young: version \([0-9]*\.[0-9]*\)\..*/\1/p' README.md).${version##*.}" \
   "CHANGELOG.md $(sed -n 's/^## \([0-9.]*\)$/\1/p' CHANGELOG.md | head -n 1)"; do
   # Promise(docs): What names the version of libapc names that of CMakeLists.txt.
   [ "${named#* }" = "$version" ] || fail "${named% *} is of version ${named#* }, and CMakeLists.txt of $version"
