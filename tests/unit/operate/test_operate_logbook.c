@@ -67,14 +67,7 @@ static void an_entry_is_an_event_and_two_presses_make_one(void **state)
 static void what_is_no_line_of_text_is_refused(void **state)
 {
     char longest[LOGBOOK_TEXT + 2];
-    const char *const bad[] = {"",
-                               "   ",
-                               "two\nlines",
-                               "\x1b[31m",
-                               "\xff",
-                               "\xc3",
-                               "a\xe2\x80\xae"
-                               "b"};
+    const char *const bad[] = {"", "   ", "two\nlines", "\x1b[31m", "\xff", "\xc3", "a\xe2\x80\xae-"};
     struct change_fault why;
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
