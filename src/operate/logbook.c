@@ -6,8 +6,8 @@
 #include "base/text.h"
 #include "operate.h"
 
-#define LOGBOOK_AGAIN (60 * APC_NS_PER_S)        /* the same of the same author is one entry for so long */
-#define LOGBOOK_BACK  (7 * 86400 * APC_NS_PER_S) /* so far back somebody else's entry is looked for */
+#define LOGBOOK_AGAIN (60 * APC_NS_PER_S) /* the same of the same author is one entry for so long */
+#define LOGBOOK_BACK  (INT64_C(7) * 86400 * APC_NS_PER_S) /* so far back somebody else's entry is looked for */
 
 /* ---- What is entered ----------------------------------------------------------------------- */
 

@@ -128,7 +128,7 @@ wrong "transfer = (\n{ from = \"u\"; to = \"z\"; gain = 1.0; } );" '2: "z" is no
 wrong "transfer = (\n{ from = \"u\"; to = \"y\"; } );" '2: "gain" is missing'
 wrong "transfer = (\n{ $one tau = [0.0]; } );" '2: "tau" has 0: a time constant is above 0'
 wrong "transfer = (\n{ $one tau = [1.0, 2.0, 3.0]; } );" '2: "tau" must be one or two time constants'
-wrong "transfer = (\n{ $one dead_time = -1.0; } );" '2: "dead_time" is -1: must be from 0'
+wrong "transfer = (\n{ $one dead_time = -1.0; } );" '2: "dead_time" is -1: must be at least 0'
 wrong "transfer = (\n{ $one zero = 3.0; } );" '1: .*a zero needs a time constant'
 wrong "transfer = ( { $one tau = [1.0]; },\n{ $one } );" '2: from u to y there is one already'
 wrong "transfer = (\n{ $one tao = [1.0]; } );" '2: unknown setting "tao"'

@@ -19,7 +19,7 @@ END_OF_PYTHON
 )
 [[ " ${flags[*]} " == *" -ffp-contract=off "* ]] || fail "math.c is compiled without -ffp-contract=off: ${flags[*]}"
 for more in '' '-O2 -ffp-contract=fast'; do # without optimisation nothing is contracted
-  aarch64-linux-gnu-gcc "${flags[@]}" $more -D_GNU_SOURCE -static -Iinclude -Isrc -Itests/system/plain -o "$work/math" \
+  aarch64-linux-gnu-gcc "${flags[@]}" $more -D_GNU_SOURCE -static -Iinclude -Isrc -Itests/system/plain -Itests/support -o "$work/math" \
     tests/unit/base/test_base_math.c src/base/math.c -lm
   case $more in
     '') qemu-aarch64-static "$work/math" | grep -qEx '([1-9][0-9]*) of \1 passed' || fail "other bits on arm64" ;;
