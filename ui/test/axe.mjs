@@ -18,7 +18,8 @@ after(() => browser.close());
 async function violations(page, colorScheme) {
   const runOnly = colorScheme === "dark" ? ["color-contrast"] : tags;
   if (!(await page.evaluate(() => "axe" in window))) await page.evaluate(source);
-  const found = await page.evaluate(runOnly => window.axe.run(document, {runOnly, resultTypes: ["violations"]}), runOnly);
+  // A link in a dialog below what is scrolled to lies outside the document, which axe takes for a skip link. The page's own is looked at without one.
+  const found = await page.evaluate(runOnly => window.axe.run(document, {runOnly, rules: {"skip-link": {enabled: !document.querySelector("dialog[open]")}}, resultTypes: ["violations"]}), runOnly);
   return found.violations.map(({id, nodes}) => `${id}, ${nodes.length} times: ${nodes[0].html} ${nodes[0].failureSummary}`);
 }
 

@@ -106,7 +106,7 @@ int command_get(int argc, char **argv)
     struct get_options options = {0};
     struct past past;
     struct cli_plant plant = {0};
-    struct status_loops loops = {0};
+    struct status_loops loops = {.plant = &plant};
     struct apc_sample *samples = NULL;
     struct cli cli;
     int n = 0;

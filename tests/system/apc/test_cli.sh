@@ -532,6 +532,8 @@ test_init_says_what_the_law_pairs_each_output_with() {
   run 0 init --store "$store" "$work/pairs.conf"
   run 0 get --store "$store" --csv dim.u1.y dim.u1.z dim.u2.y dim.u2.z
   equal "$(sed 1d "$work/out" | cut -d, -f3,5 | paste -sd ' ')" "4,2 5,1 6,1 7,1" "measurement and setpoint of each output"
+  run 0 get --store "$store"
+  equal "$(grep -cE '^dim\.u[12]\.[yz] ' "$work/out")" 4 "what is read without a name"
 }
 
 # Promise(laws/tuning-taken-set)
