@@ -330,7 +330,8 @@ static void run_beside(struct apc_distribution other, char out[TRACE])
     begin(&b, e, "b", (struct apc_task_options){.period = 70 * MS}, &model);
     apc_virtual_run(e, now(e) + 2 * S);
     out[0] = '\0';
-    for (const char *word = strtok(trace, " "); word; word = strtok(NULL, " "))
+    char *rest = NULL;
+    for (const char *word = strtok_r(trace, " ", &rest); word; word = strtok_r(NULL, " ", &rest))
         if (word[0] == 'a')
             n += (size_t)snprintf(out + n, TRACE - n, "%s ", word);
     apc_task_destroy(a.task);
