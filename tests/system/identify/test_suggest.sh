@@ -88,7 +88,7 @@ no 2 'go with --suggest RUN' --apply
 no 2 'go with --suggest RUN' --model "$work/fast.model"
 no 2 '--tau-c is that of simc and lambda' --suggest "$work/tested" --rule relay --tau-c 1
 no 2 'no NAME=VALUE' --suggest "$work/tested" Kp=1
-no 1 'none|cannot|No such' --suggest "$work/nothing"
+no 1 'there is no such file or folder' --suggest "$work/nothing"
 "$apc" simulate "$work/fast.conf" --report "$work/still" --set controller.mode=Man --duration 30 >/dev/null
 no 1 'input 1 is 0 all the time' --suggest "$work/still"
 "$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank-nonminimum.conf" -d 400 --settling 100 -o "$work/lqg" >/dev/null

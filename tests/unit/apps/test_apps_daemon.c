@@ -38,7 +38,7 @@ static void bad_options_are_refused_and_say_what_is_expected(void **state)
         {{"--timer", "virtual"}, EXIT_ERROR, "--timer: a daemon runs in real time: expected 'deadline' or "},
         {{"--timer", "sundial"}, EXIT_ERROR, "--timer: "},
         {{"--store", "nonsense"}, EXIT_ERROR, "--store: "},
-        {{"--config", "/nowhere/at.all"}, EXIT_ERROR, "/nowhere/at.all: cannot be read"},
+        {{"--config", "/nowhere/at.all"}, EXIT_ERROR, "/nowhere/at.all: there is no such file or folder"},
         {{"--version"}, EXIT_OK, "apc-test (libapc) "},
     };
     (void)state;
