@@ -2,7 +2,7 @@
 /*
  * The output of the plant is known at its ticks; between two of them it is a straight line here, and the
  * integrals are those of these lines, exactly. The setpoint changes in steps, so that the error is made of
- * straight pieces as well; within a part only one that a controller moves does.
+ * straight pieces as well; within a part only one that a controller or a ramp moves does.
  */
 #include "figures.h"
 #include "operate/operate.h"
@@ -137,23 +137,53 @@ static bool is_moved(const struct experiment *e, size_t setpoint)
     return controllers_above(e, (struct wire){APC_SETPOINT, setpoint}).of;
 }
 
+/* Of setpoint @i on its way: moved there by a ramp, and not by who ended it. */
+static bool is_by_ramp(const struct trajectory *c, size_t i, const struct curve_point *at)
+{
+    const struct curve *rate = &c->rate[i];
+    const size_t next = first_from(rate, at->t);
+    return next > 0 && rate->at[next - 1].value > 0 &&
+           (set_at(rate, at->t) > 0 || at->value == set_at(&c->target[i], at->t));
+}
+
+/* Of setpoint @i the ramp that row @k of its rates begins; it goes from where it was to where it came. */
+static struct event event_of_ramp(const struct trajectory *c, size_t i, size_t k)
+{
+    const struct curve *r = &c->setpoint[i], *rate = &c->rate[i];
+    const double t = rate->at[k].t, end = k + 1 < rate->n ? rate->at[k + 1].t : c->end, was = set_at(r, t),
+                 from = isnan(was) ? 0 : was;
+    struct event event = {EVENT_SETPOINT, i, t, from, from, 0};
+    size_t next = first_from(r, t);
+    for (; next < r->n && r->at[next].t <= end; next++)
+        if (is_by_ramp(c, i, &r->at[next])) {
+            event.to = r->at[next].value;
+            event.over = r->at[next].t - t;
+        }
+    return event;
+}
+
 static int collect_events(struct figures *f, const struct trajectory *c, const struct experiment *e)
 {
     size_t room = 1 + (e->plant.model ? e->plant.n_disturbances : 0);
     double begin = begin_of_trajectory(c);
     for (size_t i = 0; i < c->dim.nz; i++)
-        room += c->setpoint[i].n;
+        room += c->setpoint[i].n + c->rate[i].n;
     f->event = calloc(room, sizeof *f->event);
     if (!f->event)
         return APC_ENOMEM;
-    add_event(f, c, (struct event){EVENT_START, 0, begin, none, none});
-    for (size_t i = 0; i < c->dim.nz; i++)
+    add_event(f, c, (struct event){EVENT_START, 0, begin, none, none, 0});
+    for (size_t i = 0; i < c->dim.nz; i++) {
         for (size_t k = 0; k < c->setpoint[i].n && !is_moved(e, i); k++) {
             const struct curve_point *at = &c->setpoint[i].at[k];
-            if (at->t > begin)
-                add_event(f, c,
-                          (struct event){EVENT_SETPOINT, i, at->t, k > 0 ? at[-1].value : none, at->value});
+            if (at->t > begin && !is_by_ramp(c, i, at))
+                add_event(
+                    f, c,
+                    (struct event){EVENT_SETPOINT, i, at->t, k > 0 ? at[-1].value : none, at->value, 0});
         }
+        for (size_t k = 0; k < c->rate[i].n; k++)
+            if (c->rate[i].at[k].t > begin)
+                add_event(f, c, event_of_ramp(c, i, k));
+    }
     for (size_t i = 0; e->plant.model && i < e->plant.n_disturbances; i++) {
         const struct apc_disturbance *d = &e->plant.disturbance[i];
         double from = e->plant.model->disturbance[d->k].initial;
@@ -163,7 +193,7 @@ static int collect_events(struct figures *f, const struct trajectory *c, const s
                 break;
             }
         double t = apc_ns_to_s(e->plant.rhythm.phase + d->at);
-        add_event(f, c, (struct event){EVENT_DISTURBANCE, d->k, fmax(t, begin), from, d->value});
+        add_event(f, c, (struct event){EVENT_DISTURBANCE, d->k, fmax(t, begin), from, d->value, 0});
     }
     if (f->n_events > 0)
         qsort(f->event, f->n_events, sizeof *f->event, by_change_time);
@@ -265,7 +295,7 @@ static void follow_curve(struct pass *p, const struct curve *c, const struct cur
     p->near_since = HUGE_VAL;
     take_point(p, t, e);
     for (size_t i = first_from(c, t); i < c->n && c->at[i].t <= to; i++) {
-        for (; next < r->n && r->at[next].t < c->at[i].t; next++) { /* moved by a controller */
+        for (; next < r->n && r->at[next].t < c->at[i].t; next++) { /* moved by a controller or a ramp */
             const double z = curve_value_at(c, r->at[next].t);
             take_piece(p, t, e, r->at[next].t, z - p->r);
             t = r->at[next].t;
@@ -282,7 +312,7 @@ static void follow_curve(struct pass *p, const struct curve *c, const struct cur
     take_piece(p, t, e, to, curve_value_at(c, to) - p->r);
 }
 
-/* How far the loop's own setpoint moved at the begin of a part; at the start from where the output was. */
+/* How far the loop's own setpoint stepped at the begin of a part; at the start from where the output was. */
 static double setpoint_step_of(const struct figures *f, const struct part *part, const struct loop *loop,
                                double z, double r)
 {
@@ -290,7 +320,7 @@ static double setpoint_step_of(const struct figures *f, const struct part *part,
         const struct event *at = &f->event[i];
         if (at->kind == EVENT_START)
             return r - z;
-        if (at->kind == EVENT_SETPOINT && at->which == loop->z)
+        if (at->kind == EVENT_SETPOINT && at->which == loop->z && at->over == 0)
             return r - (isnan(at->from) ? z : at->from);
     }
     return 0;
@@ -376,7 +406,12 @@ static struct scale scale_of(const struct trajectory *c, const struct experiment
                  first = fabs(set_at(r, begin) - z);
     double largest = 0;
     for (size_t i = 1; i < r->n && !is_moved(e, loop->z); i++)
-        largest = fmax(largest, fabs(r->at[i].value - r->at[i - 1].value));
+        if (!is_by_ramp(c, loop->z, &r->at[i]))
+            largest = fmax(largest, fabs(r->at[i].value - r->at[i - 1].value));
+    for (size_t k = 0; k < c->rate[loop->z].n; k++) {
+        const struct event ramp = event_of_ramp(c, loop->z, k);
+        largest = fmax(largest, fabs(ramp.to - ramp.from)); /* NAN is none */
+    }
     if (largest > 0)
         return (struct scale){LEAST * largest,
                               BAND * (first > LEAST * largest ? fmax(first, largest) : largest)};
@@ -470,5 +505,7 @@ void figures_name_part(const struct figures *f, const struct part *part, const s
         else
             used += (size_t)snprintf(text + used, size - used, "%s%s %.6g -> %.6g", and,
                                      figures_variable(event, e), event->from, event->to);
+        if (event->over > 0 && used < size)
+            used += (size_t)snprintf(text + used, size - used, " in %.4g s", event->over);
     }
 }

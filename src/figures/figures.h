@@ -32,11 +32,12 @@ struct loop {
     struct wire u; /* for the plant, or the setpoint of a loop below */
 };
 
-/* What begins at an instant: the run, a new setpoint, or a new value of a disturbance. */
+/* What begins at an instant: the run, a new setpoint, a ramp to one, or a new value of a disturbance. */
 struct event {
     enum { EVENT_START = 1, EVENT_SETPOINT, EVENT_DISTURBANCE } kind;
     size_t which;
     double t, from, to; /* from and to of the start: nothing */
+    double over;        /* s: the setpoint went there on a ramp; 0: at once */
 };
 
 /* The part of a run from one event to the next, as one loop saw it; several events may coincide. */

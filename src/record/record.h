@@ -39,8 +39,8 @@ int samples_collect(struct samples *s, struct apc_store *store, const struct exp
 /* Those of one variable. */
 int samples_collect_one(struct samples *s, struct apc_store *store, enum apc_table table, int id,
                         const struct apc_range *range);
-/* Modes, target and actual, tuning, operator's outputs: of each the newest before the range, and those in it;
- * by time. */
+/* Modes, target and actual, tuning, operator's outputs, ramps of setpoints: of each the newest before the range,
+ * and those in it; by time. */
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,
                               const struct apc_range *range);
 /* The numbers that laws published: in the range only, by time. */
@@ -111,6 +111,8 @@ struct trajectory {
     struct curve *output;   /* [ny] at each tick of the plant; between them they are straight lines */
     struct curve *setpoint; /* [nz] its changes */
     struct curve *input;    /* [nu] its changes, as the plant was given them */
+    struct curve *target;   /* [nz] of a ramp: changes of where it goes, and of how fast it does, 1/s */
+    struct curve *rate;     /* [nz] 0, or without a point: on none */
     struct curve without;   /* changes between 0 and 1: the plant is not under the law's control */
     double end;             /* s */
     double gap;    /* s: farther apart two points of an output have a hole between them; HUGE_VAL: never */
@@ -135,12 +137,16 @@ void trajectory_add(struct trajectory *c, struct curve *curve, double t, double 
 int trajectory_of_samples(struct trajectory *c, const struct samples *samples, const struct experiment *e,
                           apc_ns start);
 
+/* What @p operation has of ramps, by time: times before @p start as well. Out of memory: failed. */
+void trajectory_add_ramps(struct trajectory *c, const struct samples *operation, apc_ns start);
+
 /* The file plant.csv of a run folder: what simulation knows of the plant and nobody measured. Reading returns
  * APC_ENOTFOUND when there is none; trajectory_free() in either case. */
 int trajectory_write(const struct trajectory *c, const char *dir, struct apc_error *why);
 int trajectory_read(struct trajectory *c, const char *dir, const struct apc_dim *dim, struct apc_error *why);
 
-/* Of the run in folder @p dir: the plant's own if it has them, or else that of its samples. */
+/* Of the run in folder @p dir: the plant's own if it has them, or else that of its samples; with the ramps of its
+ * setpoints. */
 int trajectory_load(struct trajectory *c, const char *dir, const struct experiment *e, struct apc_error *why);
 
 /* ---- Prediction ----------------------------------------------------------------------------- */

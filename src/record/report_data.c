@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "files/files.h"
+#include "operate/operate.h"
 
 #define MAX_COLUMNS   12
 #define ID_MAX        8192    /* a module has no more variables of one kind */
@@ -164,9 +165,10 @@ static int operation_row(struct report_data *data, size_t line, char const *cons
 {
     struct report_point point = {.line = line};
     const int step = apc_variable_number(APC_OPMODE, 1) - apc_variable_number(APC_OPMODE, 0);
+    const bool actual = apc_table_parse(field[1]) == APC_ACTUAL;
     double id;
-    int bad = parse_point(field, &point, (double)step * ID_MAX, &id);
-    if (apc_table_parse(field[1]) != APC_ACTUAL || bad)
+    int bad = parse_point(field, &point, actual ? step * ID_MAX : LOOPS_RATE(ID_MAX), &id);
+    if (!actual || bad)
         return bad;
     const int loop = (int)id / step;
     return loop > 0 && (int)id == apc_variable_number(APC_OPMODE, loop)

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "files/files.h"
+#include "operate/operate.h"
 
 #define HEADER "time,table,id,status,value"
 
@@ -120,7 +121,9 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
     const size_t loops = controllers_loops(e);
     const struct part of[] = {{APC_OPMODE, 1, loops},
                               {APC_TUNING, 1, (size_t)last->first_tuning - 1 + controllers_parameters(last)},
-                              {APC_MANUAL, 1, loops}};
+                              {APC_MANUAL, 1, loops},
+                              {APC_SETPOINT, LOOPS_RAMP(1), e->dim.nz},
+                              {APC_SETPOINT, LOOPS_RATE(1), e->dim.nz}};
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;
     for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++) {

@@ -7,23 +7,31 @@
 #include <string.h>
 
 #include "files/files.h"
+#include "operate/operate.h"
 
 #define FILE_NAME "plant.csv"
 #define HEADER    "time,what,id,value"
 
+static size_t curves_of(const struct apc_dim *dim)
+{
+    return dim->ny + 3 * dim->nz + dim->nu;
+}
+
 int trajectory_create(struct trajectory *c, const struct apc_dim *dim)
 {
     *c = (struct trajectory){.dim = *dim, .gap = HUGE_VAL};
-    c->output = calloc(dim->ny + dim->nz + dim->nu, sizeof *c->output);
+    c->output = calloc(curves_of(dim), sizeof *c->output);
     c->setpoint = c->output + dim->ny;
     c->input = c->setpoint + dim->nz;
+    c->target = c->input + dim->nu;
+    c->rate = c->target + dim->nz;
     c->failed = !c->output;
     return c->output ? 0 : APC_ENOMEM;
 }
 
 void trajectory_free(struct trajectory *c)
 {
-    for (size_t i = 0; c->output && i < c->dim.ny + c->dim.nz + c->dim.nu; i++)
+    for (size_t i = 0; c->output && i < curves_of(&c->dim); i++)
         free(c->output[i].at);
     free(c->output);
     free(c->without.at);
@@ -233,16 +241,45 @@ int trajectory_read(struct trajectory *c, const char *dir, const struct apc_dim 
     return rc;
 }
 
+/* The row of a ramp of setpoint @first and those after it: which setpoint's; NULL: it is none. */
+static struct curve *find_ramp(struct trajectory *c, struct curve *of, int first, const struct apc_sample *s)
+{
+    const size_t k = (size_t)s->id - (size_t)first;
+    return s->table == APC_SETPOINT && s->id >= first && k < c->dim.nz ? &of[k] : NULL;
+}
+
+void trajectory_add_ramps(struct trajectory *c, const struct samples *operation, apc_ns start)
+{
+    for (size_t i = 0; i < operation->n; i++) {
+        const struct apc_sample *s = &operation->at[i];
+        struct curve *const rate = find_ramp(c, c->rate, LOOPS_RATE(1), s), *const of =
+                                                                                rate
+                                                                                    ? rate
+                                                                                    : find_ramp(c, c->target,
+                                                                                                LOOPS_RAMP(1),
+                                                                                                s);
+        if (of)
+            trajectory_add(c, of, apc_ns_to_s(s->time - start), s->value);
+    }
+}
+
 int trajectory_load(struct trajectory *c, const char *dir, const struct experiment *e, struct apc_error *why)
 {
-    struct samples samples;
+    struct samples samples = {0}, operation = {0};
     int rc = trajectory_read(c, dir, &e->dim, why);
-    if (rc != APC_ENOTFOUND)
-        return rc;
-    trajectory_free(c);
-    rc = samples_read(&samples, dir, "samples.csv", why);
-    if (rc == 0 && trajectory_of_samples(c, &samples, e, 0) < 0)
+    if (rc == APC_ENOTFOUND) {
+        trajectory_free(c);
+        rc = samples_read(&samples, dir, "samples.csv", why);
+        if (rc == 0 && trajectory_of_samples(c, &samples, e, 0) < 0)
+            rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    if (rc == 0 && (rc = samples_read(&operation, dir, "operation.csv", why)) == APC_ENOTFOUND)
+        rc = 0; /* a former version's */
+    if (rc == 0)
+        trajectory_add_ramps(c, &operation, 0);
+    if (rc == 0 && c->failed)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    samples_free(&operation);
     samples_free(&samples);
     return rc;
 }

@@ -76,6 +76,8 @@ static void put_events(struct text *t, const struct figures *f, const struct par
         json_add(t, "{kind:%s", kinds[event->kind]);
         if (event->kind != EVENT_START)
             json_add(t, "variable:%s, from:%g, to:%g", figures_variable(event, e), event->from, event->to);
+        if (event->over > 0)
+            json_add(t, "over_s:%g", event->over);
         json_add(t, "}");
     }
     json_add(t, "]");

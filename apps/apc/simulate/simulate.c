@@ -401,7 +401,7 @@ static void tell_operation(const struct simulate *r)
     if (r->e.start && samples_read(&operation, dir, "operation.csv", &why) == 0) {
         for (size_t i = 0; i < operation.n; i++) {
             const struct apc_sample *s = &operation.at[i];
-            n += s->time > 0 && s->table != APC_ACTUAL;
+            n += s->time > 0 && s->table != APC_ACTUAL && s->table != APC_SETPOINT;
         }
         for (size_t i = 0; i < r->e.n_actions && n > 0; i++) /* but what the file asks for it does */
             n -= r->e.action[i].kind == ACTION_WRITE && r->e.action[i].to.table != APC_SETPOINT &&

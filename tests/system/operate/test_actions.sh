@@ -41,6 +41,8 @@ background run "$apc" run "$work/acting.conf" --duration 0 --no-ui --out "$work/
 export APC_STORE=$work/run
 value_is() { "$apc" get "$1" --csv | grep -q ",$2\$"; }
 until_true 60 value_is setpoint.1 7
+"$apc" set r 9 --over 1.5 >/dev/null
+until_true 60 value_is setpoint.1 9
 kill -INT "$pid"
 wait "$pid" || fail "the run failed"
 grep -E ',apc-run,operator,' "$work/run/events.csv" | cut -d, -f5 >"$work/events"
@@ -55,6 +57,15 @@ EVENTS
 # Promise(experiment/actions-taken-time)
 awk -F, '/,apc-run,operator,/ { if ($1 < 0.51 + 0.2 * n++) bad = 1 } END { exit bad || n != 4 }' "$work/run/events.csv" ||
   fail "an action came before its time"
+
+# a ramp is one event of the figures, however many rows it wrote
+"$apc" report "$work/run" --json >"$work/figures.json"
+python3 - "$work/figures.json" <<'END' || fail "the ramp is not one event"
+import json, sys
+events = [event for part in json.load(open(sys.argv[1]))["loops"][0]["parts"] for event in part["events"]]
+steps = [(event["from"], event["to"], "over_s" in event) for event in events if event["kind"] == "setpoint"]
+sys.exit(f"setpoint events: {steps}" if steps != [(10, 7, False), (7, 9, True)] else 0)
+END
 
 # a mistake is refused before anything starts
 sed 's/value = 7.0/value = 700.0/' "$work/acting.conf" >"$work/wrong.conf"

@@ -138,6 +138,51 @@ static void figures_are_those_by_hand(void **state)
     assert_near(whole(METRIC_UNCONTROLLED), 100 * 5.5 / 20, 1e-9);
 }
 
+static void ramp(double t, double target, double rate)
+{
+    trajectory_add(&trajectory, &trajectory.target[0], t, target);
+    trajectory_add(&trajectory, &trajectory.rate[0], t, rate);
+}
+
+/* From 2 at 1 s to 10 at 1/s, which arrives; from 10 at 20 s to 2, which somebody ends at 22 s by writing 5. */
+static void a_ramp_is_one_event_and_no_step(void **state)
+{
+    char name[80];
+    (void)state;
+    setpoint(0, 2);
+    ramp(1, 10, 1);
+    for (int k = 1; k <= 32; k++)
+        setpoint(1 + k / 4.0, 2 + k / 4.0);
+    trajectory_add(&trajectory, &trajectory.rate[0], 9, 0);
+    ramp(20, 2, 1);
+    for (int k = 1; k < 8; k++)
+        setpoint(20 + k / 4.0, 10 - k / 4.0);
+    setpoint(22, 5);
+    trajectory_add(&trajectory, &trajectory.rate[0], 22, 0);
+    for (int k = 0; k <= 160; k++) {
+        const double t = k / 4.0;
+        output(t, t < 1 ? 2 : t < 9 ? 1 + t : t < 20 ? 10 : t < 22 ? 30 - t : 5);
+    }
+    make(40);
+    assert_int_equal(figures.n_parts, 4); /* the start, two ramps, a step */
+    const struct part *part = figures.of[0].part;
+    assert_near(part[1].from, 1, 0);
+    assert_near(part[2].from, 20, 0);
+    assert_near(part[3].from, 22, 0);
+    assert_false(part[1].step || part[2].step);
+    assert_true(part[3].step);
+    assert_true(isnan(part[1].figure[METRIC_OVERSHOOT]));
+    assert_near(part[1].figure[METRIC_PEAK], 0.25, 1e-12);
+    assert_near(part[1].figure[METRIC_IAE], 32 * 0.25 * 0.25 / 2, 1e-9);
+    assert_near(part[1].figure[METRIC_RECOVERY], 0, 0); /* never far: 5 % of the largest, 8 */
+    figures_name_part(&figures, &part[1], &e, name, sizeof name);
+    assert_string_equal(name, " 2 -> 10 in 8 s");
+    figures_name_part(&figures, &part[2], &e, name, sizeof name);
+    assert_string_equal(name, " 10 -> 8.25 in 1.75 s");
+    figures_name_part(&figures, &part[3], &e, name, sizeof name);
+    assert_string_equal(name, " 8.25 -> 5");
+}
+
 static void a_run_of_less_than_a_second_has_all_its_figures(void **state)
 {
     (void)state;
@@ -411,11 +456,13 @@ static void two_outputs_for_one_thing_are_one_loop_and_a_calculated_one_is_none(
 static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturbances(void **state)
 {
     static const struct event expected[] = {
-        {EVENT_START, 0, 1, 0, 0},       {EVENT_DISTURBANCE, 1, 1, 0, 9}, {EVENT_SETPOINT, 1, 2, 5, 6},
-        {EVENT_DISTURBANCE, 0, 3, 0, 7}, {EVENT_SETPOINT, 0, 4, 5, 8},    {EVENT_SETPOINT, 1, 4, 6, 5},
-        {EVENT_DISTURBANCE, 0, 4, 7, 1}, {EVENT_DISTURBANCE, 0, 4, 1, 3}, {EVENT_DISTURBANCE, 1, 4, 9, 2},
-        {EVENT_SETPOINT, 0, 6, 8, 5},    {EVENT_SETPOINT, 1, 6, 5, 7},    {EVENT_DISTURBANCE, 0, 6, 3, 2},
-        {EVENT_DISTURBANCE, 1, 6, 2, 1}};
+        {EVENT_START, 0, 1, 0, 0, 0},       {EVENT_DISTURBANCE, 1, 1, 0, 9, 0},
+        {EVENT_SETPOINT, 1, 2, 5, 6, 0},    {EVENT_DISTURBANCE, 0, 3, 0, 7, 0},
+        {EVENT_SETPOINT, 0, 4, 5, 8, 0},    {EVENT_SETPOINT, 1, 4, 6, 5, 0},
+        {EVENT_DISTURBANCE, 0, 4, 7, 1, 0}, {EVENT_DISTURBANCE, 0, 4, 1, 3, 0},
+        {EVENT_DISTURBANCE, 1, 4, 9, 2, 0}, {EVENT_SETPOINT, 0, 6, 8, 5, 0},
+        {EVENT_SETPOINT, 1, 6, 5, 7, 0},    {EVENT_DISTURBANCE, 0, 6, 3, 2, 0},
+        {EVENT_DISTURBANCE, 1, 6, 2, 1, 0}};
     static const struct apc_param names[] = {{.name = "load"}, {.name = "feed"}};
     static const struct apc_model model = {.name = "m", .nd = 2, .disturbance = names};
     struct apc_disturbance changes[] = {
@@ -706,6 +753,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         T(figures_are_those_by_hand),
+        T(a_ramp_is_one_event_and_no_step),
         T(a_run_of_less_than_a_second_has_all_its_figures),
         T(settling_ends_with_the_first_tick_from_which_on_it_is_near),
         T(a_loop_that_does_not_settle_is_infinitely_slow),

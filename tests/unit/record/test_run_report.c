@@ -165,7 +165,8 @@ static void what_is_just_within_its_bounds_is_taken(void **state)
     write_all();
     scratch_write("samples.csv", SAMPLES "0,sensor,8192,Good,1e300\n"
                                          "2,sensor,1,GoodLimitedLow,-1e300\n");
-    scratch_write("operation.csv", OPERATION "1,actual,131072,Good,1\n");
+    scratch_write("operation.csv", OPERATION "1,actual,131072,Good,1\n"
+                                             "1,setpoint,532480,Good,1\n");
     scratch_write("published.csv", OPERATION "1,estimate,1048576,Good,1\n");
     scratch_write("timing.csv", TIMING "a,jitter,1,-9000000000000000,-9000000000000000,9000000000000000\n");
     scratch_write("timing-summary.csv", SUMMARY "a,jitter,31622400000000000,9e15,9e15,1e300,0,1,1,1,1,1\n"
