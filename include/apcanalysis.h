@@ -122,8 +122,8 @@ APC_API int apc_loop_response(const struct apc_loop *loop, size_t of, size_t n, 
 
 /* ---- Under noise ----------------------------------------------------------------------------- */
 
-/** One of several courses that a period takes, chosen at each period. */
-struct apc_loop_course {
+/** One of several schedules that a period takes, chosen at each period. */
+struct apc_loop_schedule {
     double probability;
     size_t n_ticks;
     const struct apc_loop_tick *tick; /**< nothing of it may lie beyond the period */
@@ -132,10 +132,10 @@ struct apc_loop_course {
  * The mean squares in steady state, averaged over the plant's periods: @p y [ny] of the plant's outputs,
  * without the errors of sensors, @p u [outputs] of the outputs that act. By the recursion of the covariance
  * (Nilsson, Real-Time Control Systems with Delays, 1998; Lincoln and Cervin, Jitterbug, CDC 2002): no random
- * number is drawn. @p course NULL: the loop's own ticks, in each period. [setup] Returns 0; APC_ESOLVER: it
+ * number is drawn. @p schedule NULL: the loop's own ticks, in each period. [setup] Returns 0; APC_ESOLVER: it
  * grows without bound; APC_EINVAL, APC_ENOMEM.
  */
-APC_API int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_course *course, size_t n,
+APC_API int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_schedule *schedule, size_t n,
                           double *y, double *u, struct apc_error *why);
 
 #ifdef __cplusplus

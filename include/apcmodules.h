@@ -392,7 +392,7 @@ struct apc_loop_move {
 
 /**
  * The move of a loop that was in @p state (0 or any other number: in none yet). Total, pure, and settled in
- * one step: with the same facts the new state stays. The answer of a law that was not asked yet is assumed to
+ * one step: with the same inputs the new state stays. The answer of a law that was not asked yet is assumed to
  * be usable. When it is not, ask again from the same @p state with law false, and do what that move says, but
  * do not compute once more. [tick]
  */

@@ -369,7 +369,7 @@ struct apc_tag {
     char area[APC_TAG_LEN * 2];       /**< where in the plant: "unit1/reactor"; "": not said */
     double display_low, display_high; /**< ends of its scale; equal: not said */
     double period;                    /**< how often it comes, s; 0: not said */
-    double step; /**< of a vector: s from element to element; 0: they are no course in time */
+    double step; /**< of a vector: s from element to element; 0: its elements are not spaced in time */
     int length;  /**< of a vector: its elements; 0: not said, or a sample */
 };
 /** Replace all descriptions by these, at once or not at all; for the schema's owner. Returns @p n. [setup] */

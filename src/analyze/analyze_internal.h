@@ -45,7 +45,7 @@ struct advance {
     double *A, *B; /* [nx * nx], [nx * nu] */
 };
 
-struct course_of { /* where the rows of a controller begin */
+struct schedule_of { /* where the rows of a controller begin */
     size_t y, x, u;
     size_t samples, computed; /* how many of the former are kept */
 };
@@ -55,19 +55,19 @@ struct machine {
     size_t n, n_steps, n_advances;
     struct step *step;
     struct advance *advance;
-    struct course_of *of; /* [n_controllers] */
-    double *room;         /* [rows] of columns; grows with the widest ride */
+    struct schedule_of *of; /* [n_controllers] */
+    double *room;           /* [rows] of columns; grows with the widest ride */
     size_t width;
 };
 
-struct course {
+struct schedule {
     apc_ns period;
     size_t n;
     const struct apc_loop_tick *tick;
     const double *delay; /* [n_out] s by which outputs act later; NULL: none */
     bool kicks;          /* with STEP_KICK */
 };
-int machine_create(struct machine *m, const struct apc_loop *loop, const struct course *course,
+int machine_create(struct machine *m, const struct apc_loop *loop, const struct schedule *schedule,
                    struct apc_error *why);
 void machine_free(struct machine *m);
 

@@ -104,7 +104,7 @@ static void propagate_loop_covariance(struct covariance *c, struct machine *m, d
     }
 }
 
-/* ---- Several courses ------------------------------------------------------------------------- */
+/* ---- Several schedules ------------------------------------------------------------------------- */
 
 /* All with the same rows: what one keeps for longer than another, all keep. */
 static void level(struct machine *m, size_t n, size_t controllers)
@@ -121,7 +121,7 @@ static void level(struct machine *m, size_t n, size_t controllers)
     }
     m[0].n = l->setup.plant.nx + l->n_out;
     for (size_t c = 0; c < controllers; c++) {
-        struct course_of *of = &m[0].of[c];
+        struct schedule_of *of = &m[0].of[c];
 
         of->y = m[0].n;
         of->x = of->y + of->samples * l->measured[c];
@@ -200,18 +200,18 @@ static int explain_cost_failure(int rc, struct apc_error *why)
     return rc == 0 ? 0 : apc_fail(why, rc, "cost: %s", apc_err_text(rc));
 }
 
-static int settle_courses(const struct apc_loop *loop, const struct apc_loop_course *course, size_t n,
-                          struct machine *m, struct covariance *c)
+static int settle_schedules(const struct apc_loop *loop, const struct apc_loop_schedule *schedule, size_t n,
+                            struct machine *m, struct covariance *c)
 {
     const struct apc_loop_setup *s = &loop->setup;
     double *probability = calloc(n, sizeof(*probability));
     int rc = probability ? 0 : APC_ENOMEM;
 
     for (size_t k = 0; k < n && rc == 0; k++) {
-        const struct course one = {
-            .period = s->period, .n = course[k].n_ticks, .tick = course[k].tick, .kicks = true};
+        const struct schedule one = {
+            .period = s->period, .n = schedule[k].n_ticks, .tick = schedule[k].tick, .kicks = true};
 
-        probability[k] = course[k].probability;
+        probability[k] = schedule[k].probability;
         rc = machine_create(&m[k], loop, &one, NULL);
     }
     if (rc == 0) {
@@ -227,18 +227,18 @@ static int settle_courses(const struct apc_loop *loop, const struct apc_loop_cou
     return rc;
 }
 
-int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_course *course, size_t n, double *y,
+int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_schedule *schedule, size_t n, double *y,
                   double *u, struct apc_error *why)
 {
-    const struct apc_loop_course own = {1.0, loop->setup.n_ticks, loop->setup.tick};
-    const size_t courses = course ? n : 1;
-    struct machine *m = calloc(courses, sizeof(*m));
+    const struct apc_loop_schedule own = {1.0, loop->setup.n_ticks, loop->setup.tick};
+    const size_t schedules = schedule ? n : 1;
+    struct machine *m = calloc(schedules, sizeof(*m));
     struct covariance c = {0};
-    int rc = m ? settle_courses(loop, course ? course : &own, courses, m, &c) : APC_ENOMEM;
+    int rc = m ? settle_schedules(loop, schedule ? schedule : &own, schedules, m, &c) : APC_ENOMEM;
 
     if (rc == 0)
         report_variances(&c, y, u);
-    for (size_t k = 0; m && k < courses; k++)
+    for (size_t k = 0; m && k < schedules; k++)
         machine_free(&m[k]);
     free(m);
     free(c.P);

@@ -145,7 +145,7 @@ int jitter_margin(const struct apc_loop *loop, size_t of, const double complex *
                   double *jitter)
 {
     const struct apc_loop_setup *s = &loop->setup;
-    const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .kicks = true};
+    const struct schedule schedule = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .kicks = true};
     struct pulses p = {.of = of, .M = (size_t)(s->period / s->plant.period)};
     double worst = 0.0;
     size_t ticks = 0;
@@ -156,7 +156,7 @@ int jitter_margin(const struct apc_loop *loop, size_t of, const double complex *
         ticks += s->tick[k].controller == loop->owner[of];
     if (ticks != 1 || loop->to[of] == APC_LOOP_NOWHERE || s->period % s->plant.period != 0)
         return 0;
-    rc = machine_create(&p.machine, loop, &course, NULL);
+    rc = machine_create(&p.machine, loop, &schedule, NULL);
     p.n = p.machine.n;
     p.map = rc == 0 ? calloc(p.n * p.n + p.n * p.M + p.n + p.M, sizeof(*p.map)) : NULL;
     p.A = rc == 0 ? calloc(p.n * (p.n + 1), sizeof(*p.A)) : NULL;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Timing that is random becomes courses of a period with their probabilities: what counts of an execution
+ * Timing that is random becomes schedules of a period with their probabilities: what counts of an execution
  * time is at which of the client's ticks its output goes, so the probabilities are exact, whatever the
  * distribution.
  */
@@ -13,11 +13,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FASTER  10  /* that often does the ideal tick in a period, at most */
-#define LATE    200 /* values of a random begin of a tick */
-#define COURSES 2000
-#define NEVER   1e-9 /* what is less probable is left out, in all no more than RARE */
-#define RARE    1e-6
+#define FASTER    10  /* that often does the ideal tick in a period, at most */
+#define LATE      200 /* values of a random begin of a tick */
+#define SCHEDULES 2000
+#define NEVER     1e-9 /* what is less probable is left out, in all no more than RARE */
+#define RARE      1e-6
 
 /* ---- Distributions --------------------------------------------------------------------------- */
 
@@ -93,41 +93,41 @@ static double quantile(const struct apc_distribution *d, double share)
 
 /* ---- Courses --------------------------------------------------------------------------------- */
 
-struct courses {
+struct schedules {
     const struct experiment *e;
     apc_ns period, dead_time;
-    struct apc_loop_course course[COURSES];
-    struct apc_loop_tick tick[COURSES];
+    struct apc_loop_schedule schedule[SCHEDULES];
+    struct apc_loop_tick tick[SCHEDULES];
     size_t n;
     double beyond; /* what would not end with its period, or was too rare */
 };
 
-static void add_course(struct courses *c, const struct apc_loop_tick *tick, double probability)
+static void add_schedule(struct schedules *c, const struct apc_loop_tick *tick, double probability)
 {
     if (!(probability > 0.0))
         return;
-    if (probability < NEVER || c->n == COURSES) {
+    if (probability < NEVER || c->n == SCHEDULES) {
         c->beyond += probability;
         return;
     }
     for (size_t i = 0; i < c->n; i++)
         if (c->tick[i].sampled == tick->sampled && c->tick[i].acts == tick->acts) {
-            c->course[i].probability += probability;
+            c->schedule[i].probability += probability;
             return;
         }
     c->tick[c->n] = *tick;
-    c->course[c->n] = (struct apc_loop_course){probability, 1, &c->tick[c->n]};
+    c->schedule[c->n] = (struct apc_loop_schedule){probability, 1, &c->tick[c->n]};
     c->n++;
 }
 
 /* From @p origin until the output acts on the plant; at the end of a period, just before the next one begins. */
-static apc_ns until_act(const struct courses *c, size_t i, apc_ns origin)
+static apc_ns until_act(const struct schedules *c, size_t i, apc_ns origin)
 {
     const apc_ns until = c->tick[i].acts + c->dead_time - origin;
     return until - (until % c->period == 0);
 }
 
-static bool is_within(const struct courses *c, size_t i, apc_ns origin, apc_ns turns)
+static bool is_within(const struct schedules *c, size_t i, apc_ns origin, apc_ns turns)
 {
     return c->tick[i].sampled >= origin && c->tick[i].computed < origin + c->period &&
            until_act(c, i, origin) / c->period == turns;
@@ -135,26 +135,26 @@ static bool is_within(const struct courses *c, size_t i, apc_ns origin, apc_ns t
 
 /*
  * The probability of what does not fit into periods that begin at @p origin, in each of which an output acts
- * once: those of all courses as many periods later, *@p turns. Acting in a later one it is drawn by itself,
+ * once: those of all schedules as many periods later, *@p turns. Acting in a later one it is drawn by itself,
  * so that measurements must not depend on the draw.
  */
-static double outside(const struct courses *c, apc_ns origin, bool begins_late, apc_ns *turns)
+static double outside(const struct schedules *c, apc_ns origin, bool begins_late, apc_ns *turns)
 {
     size_t likely = 0;
     double sum = 0.0;
 
     for (size_t i = 1; i < c->n; i++)
-        likely = c->course[i].probability > c->course[likely].probability ? i : likely;
+        likely = c->schedule[i].probability > c->schedule[likely].probability ? i : likely;
     *turns = until_act(c, likely, origin) / c->period;
     for (size_t i = 0; i < c->n; i++)
         if (!is_within(c, i, origin, *turns) ||
             (*turns > 0 && (begins_late || c->tick[i].sampled != c->tick[likely].sampled)))
-            sum += c->course[i].probability;
+            sum += c->schedule[i].probability;
     return sum;
 }
 
-/* Cut time into periods where least is cut apart, from @p origin back; courses then count from there. */
-static void cut_into_periods(struct courses *c, apc_ns origin, bool begins_late)
+/* Cut time into periods where least is cut apart, from @p origin back; schedules then count from there. */
+static void cut_into_periods(struct schedules *c, apc_ns origin, bool begins_late)
 {
     const apc_ns step = c->e->plant.rhythm.period;
     apc_ns best = origin, turns = 0;
@@ -169,7 +169,7 @@ static void cut_into_periods(struct courses *c, apc_ns origin, bool begins_late)
     c->beyond += outside(c, best, begins_late, &turns);
     for (size_t i = 0; i < c->n; i++) {
         struct apc_loop_tick *t = &c->tick[n];
-        const double probability = c->course[i].probability;
+        const double probability = c->schedule[i].probability;
         const apc_ns acts = until_act(c, i, best) - c->dead_time;
 
         if (!is_within(c, i, best, turns))
@@ -179,13 +179,13 @@ static void cut_into_periods(struct courses *c, apc_ns origin, bool begins_late)
         t->computed -= best;
         t->written -= best;
         t->acts = acts;
-        c->course[n++] = (struct apc_loop_course){probability, 1, t};
+        c->schedule[n++] = (struct apc_loop_schedule){probability, 1, t};
     }
     c->n = n;
 }
 
 /* Exchanges that fail: the output goes with a later one, the measurement came with one before. */
-static void add_losses(struct courses *c, const struct apc_loop_tick *tick, double probability, double loss)
+static void add_losses(struct schedules *c, const struct apc_loop_tick *tick, double probability, double loss)
 {
     const apc_ns T = c->e->client.rhythm.period;
     const double in_vain = 1.0 - (1.0 - loss) * (1.0 - loss);
@@ -197,7 +197,7 @@ static void add_losses(struct courses *c, const struct apc_loop_tick *tick, doub
         t.sampled = linear_sampled(c->e, tick->computed - i * T);
         for (int k = 0; k < 1000 && after > 0.0 && (k == 0 || probability * before * after > NEVER); k++) {
             t.acts = linear_acts(c->e, tick->written + k * T);
-            add_course(c, &t, probability * before * (1.0 - in_vain) * after * (1.0 - loss));
+            add_schedule(c, &t, probability * before * (1.0 - in_vain) * after * (1.0 - loss));
             after *= loss;
         }
         before *= in_vain;
@@ -206,7 +206,7 @@ static void add_losses(struct courses *c, const struct apc_loop_tick *tick, doub
 
 /* A tick that begins @p late s late. Each of the client's ticks gets the share of execution times whose
  * outputs wait for it. */
-static void add_executions(struct courses *c, const struct rhythm *r, apc_ns at, double late,
+static void add_executions(struct schedules *c, const struct rhythm *r, apc_ns at, double late,
                            double probability, double loss)
 {
     const apc_ns T = c->e->client.rhythm.period;
@@ -236,11 +236,11 @@ static void add_executions(struct courses *c, const struct rhythm *r, apc_ns at,
     c->beyond += probability * (1.0 - below);
 }
 
-static int course_cost(const struct experiment *e, const struct linear_loop *l, double loss, double *y,
-                       double *u, bool *known, struct apc_error *why)
+static int schedule_cost(const struct experiment *e, const struct linear_loop *l, double loss, double *y,
+                         double *u, bool *known, struct apc_error *why)
 {
     const struct rhythm *r = &e->controllers[l->chosen[0]].rhythm;
-    struct courses *c = calloc(1, sizeof *c);
+    struct schedules *c = calloc(1, sizeof *c);
     const size_t late = is_random(&r->model.jitter) ? LATE : 1;
     int rc;
 
@@ -257,8 +257,8 @@ static int course_cost(const struct experiment *e, const struct linear_loop *l, 
         cut_into_periods(c, linear_sampled(e, at), late > 1);
     *known = c->beyond < RARE && c->n > 0;
     for (size_t i = 0; i < c->n; i++)
-        c->course[i].probability /= 1.0 - c->beyond;
-    rc = *known ? apc_loop_cost(l->loop, c->course, c->n, y, u, why) : 0;
+        c->schedule[i].probability /= 1.0 - c->beyond;
+    rc = *known ? apc_loop_cost(l->loop, c->schedule, c->n, y, u, why) : 0;
     free(c);
     return rc;
 }
@@ -313,7 +313,7 @@ static bool jitters(const struct experiment *e, const struct linear_loop *l)
     return any;
 }
 
-/* Why courses of a period say nothing; "": they do. */
+/* Why schedules of a period say nothing; "": they do. */
 static const char *not_one_period(const struct experiment *e, const struct linear_loop *l)
 {
     const struct apc_network_options *n = &e->models.network.options;
@@ -343,7 +343,7 @@ static int add_random(struct linear_cost *c, const struct experiment *e, const s
             memcpy(c->y[cause], c->y[cause - 1], e->dim.ny * sizeof *c->y[cause]);
             c->known[cause] = c->known[cause - 1];
         } else if (l->setup.n_ticks == 1) {
-            rc = bounded(course_cost(e, l, loss[k], c->y[cause], u, &c->known[cause], why), c->y[cause],
+            rc = bounded(schedule_cost(e, l, loss[k], c->y[cause], u, &c->known[cause], why), c->y[cause],
                          e->dim.ny);
             if (!c->known[cause])
                 snprintf(c->unknown, sizeof c->unknown, "%s", long_ones);

@@ -192,7 +192,7 @@ int apc_loop_create(struct apc_loop **loop, const struct apc_loop_setup *setup, 
     copy_controllers(
         l, l->controllers,
         (struct apc_loop_source *)((struct apc_loop_controller *)l->controllers + s.n_controllers), &at);
-    rc = machine_create(&m, l, &(struct course){.period = s.period, .n = s.n_ticks, .tick = l->setup.tick},
+    rc = machine_create(&m, l, &(struct schedule){.period = s.period, .n = s.n_ticks, .tick = l->setup.tick},
                         why);
     if (rc == 0 && m.n > STATES_MAX)
         rc = apc_fail(why, APC_ERANGE, "loop: %zu states are more than %d", m.n, STATES_MAX);

@@ -31,7 +31,7 @@ static int by_step_time(const void *a, const void *b)
 }
 
 /* The tick of the same controller after @p k; *@p turn grows where the period begins anew. */
-static size_t next_of(const struct course *c, size_t k, apc_ns *turn)
+static size_t next_of(const struct schedule *c, size_t k, apc_ns *turn)
 {
     const size_t controller = c->tick[k].controller;
 
@@ -45,7 +45,7 @@ static size_t next_of(const struct course *c, size_t k, apc_ns *turn)
 }
 
 /* How many samples come between the one of tick @p k and its computing. */
-static size_t sample_age(const struct course *c, size_t k)
+static size_t sample_age(const struct schedule *c, size_t k)
 {
     apc_ns turn = 0, last = c->tick[k].sampled;
     size_t age = 0, j = next_of(c, k, &turn);
@@ -58,7 +58,7 @@ static size_t sample_age(const struct course *c, size_t k)
 }
 
 /* How often the controller has computed again when what it made at tick @p k acts at @p at. */
-static size_t act_age(const struct course *c, size_t k, apc_ns at)
+static size_t act_age(const struct schedule *c, size_t k, apc_ns at)
 {
     apc_ns turn = 0;
     size_t age = 0, j = next_of(c, k, &turn);
@@ -69,7 +69,7 @@ static size_t act_age(const struct course *c, size_t k, apc_ns at)
 }
 
 /* Is the measurement that of the tick before? */
-static bool is_sampled_in_former_tick(const struct course *c, size_t k)
+static bool is_sampled_in_former_tick(const struct schedule *c, size_t k)
 {
     apc_ns turn = 0;
     size_t j = k;
@@ -99,7 +99,7 @@ static size_t add_loop_step(struct sorted *to, size_t n, enum step_kind kind, si
     return n + 1;
 }
 
-static size_t list_tick(const struct apc_loop *l, const struct course *c, size_t k, struct sorted *to,
+static size_t list_tick(const struct apc_loop *l, const struct schedule *c, size_t k, struct sorted *to,
                         size_t n)
 {
     const struct apc_loop_tick *t = &c->tick[k];
@@ -134,7 +134,7 @@ static void lay_out_machine(struct machine *m)
     m->n = l->setup.plant.nx + l->n_out;
     for (size_t i = 0; i < m->n_steps; i++) {
         const struct step *s = &m->step[i];
-        struct course_of *of = &m->of[s->kind == STEP_ACT ? l->owner[s->number] : s->number];
+        struct schedule_of *of = &m->of[s->kind == STEP_ACT ? l->owner[s->number] : s->number];
 
         if (s->kind == STEP_COMPUTE && s->age >= of->samples)
             of->samples = s->age + 1;
@@ -142,7 +142,7 @@ static void lay_out_machine(struct machine *m)
             of->computed = s->age + 1;
     }
     for (size_t c = 0; c < l->setup.n_controllers; c++) {
-        struct course_of *of = &m->of[c];
+        struct schedule_of *of = &m->of[c];
 
         of->computed = of->computed ? of->computed : 1;
         of->y = m->n;
@@ -176,7 +176,7 @@ static int find_advance(struct machine *m, apc_ns dt, size_t *number, struct apc
 }
 
 /* With the plant's own motion in between. @p age of a STEP_ADVANCE is which. */
-static int string_together(struct machine *m, const struct course *c, const struct sorted *from, size_t n,
+static int string_together(struct machine *m, const struct schedule *c, const struct sorted *from, size_t n,
                            struct apc_error *why)
 {
     const struct apc_loop *l = m->loop;
@@ -203,12 +203,12 @@ static int string_together(struct machine *m, const struct course *c, const stru
     return 0;
 }
 
-int machine_create(struct machine *m, const struct apc_loop *loop, const struct course *course,
+int machine_create(struct machine *m, const struct apc_loop *loop, const struct schedule *schedule,
                    struct apc_error *why)
 {
     const apc_ns every = loop->setup.plant.period;
-    const size_t kicks = course->kicks ? (size_t)((course->period + every - 1) / every) : 0;
-    size_t most = kicks + course->n * (2 + loop->n_out), n = 0;
+    const size_t kicks = schedule->kicks ? (size_t)((schedule->period + every - 1) / every) : 0;
+    size_t most = kicks + schedule->n * (2 + loop->n_out), n = 0;
     struct sorted *list = calloc(most, sizeof(*list));
     int rc;
 
@@ -221,12 +221,12 @@ int machine_create(struct machine *m, const struct apc_loop *loop, const struct 
     }
     for (size_t k = 0; k < kicks; k++)
         n = add_loop_step(list, n, STEP_KICK, 0, 0, (apc_ns)k * every, 0);
-    for (size_t k = 0; k < course->n; k++)
-        n = list_tick(loop, course, k, list, n);
+    for (size_t k = 0; k < schedule->n; k++)
+        n = list_tick(loop, schedule, k, list, n);
     for (size_t k = 0; k < n; k++)
-        wrap(&list[k].step, course->period);
+        wrap(&list[k].step, schedule->period);
     qsort(list, n, sizeof(*list), by_step_time);
-    rc = string_together(m, course, list, n, why);
+    rc = string_together(m, schedule, list, n, why);
     free(list);
     if (rc == 0)
         lay_out_machine(m);
@@ -281,7 +281,7 @@ static void sample_step(struct machine *m, const struct step *s, struct ride *r)
 {
     const struct apc_loop_plant *p = &m->loop->setup.plant;
     const struct apc_loop_controller *c = &m->loop->setup.controller[s->number];
-    const struct course_of *of = &m->of[s->number];
+    const struct schedule_of *of = &m->of[s->number];
     const size_t w = r->width, n = m->loop->measured[s->number];
     double *to = r->Z + of->y * w;
 
@@ -307,7 +307,7 @@ static void sample_step(struct machine *m, const struct step *s, struct ride *r)
 static void compute_step(struct machine *m, const struct step *s, struct ride *r)
 {
     const struct apc_loop_controller *c = &m->loop->setup.controller[s->number];
-    const struct course_of *of = &m->of[s->number];
+    const struct schedule_of *of = &m->of[s->number];
     const size_t w = r->width, rows = c->nx + c->nu;
     const double *measured = r->Z + (of->y + s->age * m->loop->measured[s->number]) * w;
 

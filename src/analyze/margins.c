@@ -56,10 +56,10 @@ static int by_margin_size(const void *a, const void *b)
 
 size_t apc_loop_states(const struct apc_loop *loop)
 {
-    const struct course course = {
+    const struct schedule schedule = {
         .period = loop->setup.period, .n = loop->setup.n_ticks, .tick = loop->setup.tick};
     struct machine m;
-    const int rc = machine_create(&m, loop, &course, NULL);
+    const int rc = machine_create(&m, loop, &schedule, NULL);
 
     machine_free(&m);
     return rc < 0 ? 0 : m.n;
@@ -67,12 +67,12 @@ size_t apc_loop_states(const struct apc_loop *loop)
 
 int apc_loop_poles(const struct apc_loop *loop, double *re, double *im)
 {
-    const struct course course = {
+    const struct schedule schedule = {
         .period = loop->setup.period, .n = loop->setup.n_ticks, .tick = loop->setup.tick};
     double complex *value = NULL;
     struct machine m;
     double largest;
-    int rc = machine_create(&m, loop, &course, NULL);
+    int rc = machine_create(&m, loop, &schedule, NULL);
 
     if (rc == 0 && !(value = calloc(m.n, sizeof(*value))))
         rc = APC_ENOMEM;
@@ -111,7 +111,8 @@ static bool concerned(const struct trial *t, size_t o)
 static bool is_stable_at(struct trial *t, double value)
 {
     const struct apc_loop_setup *s = &t->loop->setup;
-    const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = t->delay};
+    const struct schedule schedule = {
+        .period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = t->delay};
     struct machine delayed, *m = t->nominal;
     double largest = HUGE_VAL;
 
@@ -125,7 +126,7 @@ static bool is_stable_at(struct trial *t, double value)
         t->delay[o] = t->by == BY_DELAY && concerned(t, o) ? value : 0.0;
     }
     if (t->by == BY_DELAY) {
-        t->rc = machine_create(&delayed, t->loop, &course, NULL);
+        t->rc = machine_create(&delayed, t->loop, &schedule, NULL);
         m = &delayed;
     }
     if (t->rc == 0)
@@ -412,7 +413,7 @@ out:
 static int find_margins(const struct apc_loop *loop, size_t of, const double *scale, bool peaks_only,
                         struct apc_loop_margins *margins, struct apc_error *why)
 {
-    const struct course course = {
+    const struct schedule schedule = {
         .period = loop->setup.period, .n = loop->setup.n_ticks, .tick = loop->setup.tick};
     struct apc_loop_margins m = {.size = sizeof(m)};
     struct machine nominal;
@@ -421,7 +422,7 @@ static int find_margins(const struct apc_loop *loop, size_t of, const double *sc
 
     if (of != APC_LOOP_WHOLE && of >= loop->n_out)
         return apc_fail(why, APC_EINVAL, "margins: output %zu of %zu", of + 1, loop->n_out);
-    rc = machine_create(&nominal, loop, &course, why);
+    rc = machine_create(&nominal, loop, &schedule, why);
     t.factor = calloc(loop->n_out, sizeof(*t.factor));
     t.delay = calloc(loop->n_out, sizeof(*t.delay));
     if (rc == 0)

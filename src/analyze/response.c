@@ -89,13 +89,13 @@ static int lift(struct open *o)
 int open_create(struct open *o, const struct apc_loop *loop, size_t of, const double *delay)
 {
     const struct apc_loop_setup *s = &loop->setup;
-    const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = delay};
+    const struct schedule schedule = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = delay};
     struct ride ride;
     size_t n;
     int rc;
 
     *o = (struct open){.loop = loop, .of = calloc(3 * loop->n_out, sizeof(*o->of))};
-    rc = machine_create(&o->machine, loop, &course, NULL);
+    rc = machine_create(&o->machine, loop, &schedule, NULL);
     n = o->machine.n;
     if (rc < 0 || !o->of)
         return rc < 0 ? rc : APC_ENOMEM;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Scenarios: an experiment in virtual time with faults and what people do, and what is expected of it
- * (docs/commissioning.md). Expectations are read before the run, of which nothing but courses is kept; judging is
+ * (docs/commissioning.md). Expectations are read before the run, of which nothing but trajectories is kept; judging is
  * a function of these.
  */
 #ifndef APC_CHECK_H
@@ -11,7 +11,7 @@
 
 /* ---- Courses -------------------------------------------------------------------------------- */
 
-/* What a course is of: a variable of the record, or of the plant itself, which nobody has of a real one. */
+/* What a trajectory is of: a variable of the record, or of the plant itself, which nobody has of a real one. */
 struct check_source {
     enum apc_table table;
     int id;
@@ -27,12 +27,12 @@ struct check_point {
     bool others; /* of an output: it is not its law's */
 };
 
-struct check_course {
+struct check_trajectory {
     struct check_point *at; /* by time */
     size_t n, room;
 };
 
-int check_add(struct check_course *course, struct check_point point); /* 0 or APC_ENOMEM */
+int check_add(struct check_trajectory *trajectory, struct check_point point); /* 0 or APC_ENOMEM */
 
 /* ---- Expectations --------------------------------------------------------------------------- */
 
@@ -62,9 +62,9 @@ struct expectation {
     char text[CHECK_TEXT]; /* as it stands in the file */
     enum check_form form;
     enum check_kind kind;
-    size_t course;      /* what it is about */
+    size_t trajectory;  /* what it is about */
     bool all;           /* of acknowledging: every alarm */
-    size_t setpoint;    /* of settling: the course of the setpoint */
+    size_t setpoint;    /* of settling: the trajectory of the setpoint */
     double number;      /* of the kind; of settling the band, */
     bool percent;       /* of the step */
     apc_ns time;        /* of settling, acknowledging: in which it is to be done */
@@ -111,7 +111,7 @@ struct check_verdict {
  * not known: it neither makes a condition true nor false.
  */
 struct check_verdict check_judge(const struct expectation *x, const struct check_sources *sources,
-                                 const struct check_course *courses, apc_ns end);
+                                 const struct check_trajectory *trajectories, apc_ns end);
 /* In words: "at 8.4 s", "y2 = 19.9 cm at 312.4 s". */
 void check_words(const struct expectation *x, const struct check_verdict *v,
                  const struct check_sources *sources, char *text, size_t size);

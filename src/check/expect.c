@@ -248,7 +248,7 @@ static void read_check_mode(struct expectation_text *t, struct expectation *x, c
     snprintf(source.name, sizeof source.name, "mode %.50s", name);
     x->kind = CHECK_MODE;
     x->number = mode;
-    x->course = add_source(t, &source);
+    x->trajectory = add_source(t, &source);
 }
 
 static size_t source_of_alarm(struct expectation_text *t, size_t i)
@@ -288,7 +288,7 @@ static void read_special_value(struct expectation_text *t, struct expectation *x
         return;
     x->kind = fault ? CHECK_FAULT : CHECK_SAFE;
     x->number = fault ? signal->fault : signal->safe;
-    x->course = source_of_signal(t, signal, !fault);
+    x->trajectory = source_of_signal(t, signal, !fault);
 }
 
 static bool is_special_value(const struct expectation_text *t)
@@ -322,14 +322,14 @@ static void read_comparison(struct expectation_text *t, struct expectation *x)
         refuse_words(t, "\"%s\" behind a number: it is in the unit of %s%s%s, without saying so", unit,
                      signal->tag.name, *signal->tag.unit ? ", " : "", signal->tag.unit);
     if (t->rc == 0)
-        x->course = source_of_signal(t, signal, plant);
+        x->trajectory = source_of_signal(t, signal, plant);
 }
 
 static void read_condition(struct expectation_text *t, struct expectation *x)
 {
     if (take_word(t, "alarm")) {
         x->kind = CHECK_ALARM;
-        x->course = read_check_alarm(t);
+        x->trajectory = read_check_alarm(t);
     } else if (take_word(t, "mode")) {
         read_check_mode(t, x, take_name(t, "the name of a loop"));
     } else {
@@ -344,16 +344,16 @@ static size_t check_setpoint_of(struct expectation_text *t, const struct signal 
 {
     struct loop *loop = calloc(controllers_loops(t->e) + 1, sizeof *loop);
     const int n = loop ? metrics_loops(t->e, loop) : APC_ENOMEM;
-    size_t course = SIZE_MAX;
-    for (int i = 0; i < n && course == SIZE_MAX; i++)
+    size_t trajectory = SIZE_MAX;
+    for (int i = 0; i < n && trajectory == SIZE_MAX; i++)
         if (y->tag.table == APC_SENSOR && loop[i].y + 1 == (size_t)y->tag.id)
-            course = source_of_signal(t, &t->e->z[loop[i].z], false);
+            trajectory = source_of_signal(t, &t->e->z[loop[i].z], false);
     free(loop);
     if (n < 0)
         t->rc = apc_fail(t->why, APC_ENOMEM, "out of memory");
-    else if (course == SIZE_MAX)
+    else if (trajectory == SIZE_MAX)
         refuse_words(t, "%s is the measurement of no loop: it has no setpoint to settle at", y->tag.name);
-    return course;
+    return trajectory;
 }
 
 static void read_settling(struct expectation_text *t, struct expectation *x)
@@ -373,7 +373,7 @@ static void read_settling(struct expectation_text *t, struct expectation *x)
     if (t->rc == 0)
         x->setpoint = check_setpoint_of(t, y);
     if (t->rc == 0)
-        x->course = source_of_signal(t, y, plant);
+        x->trajectory = source_of_signal(t, y, plant);
 }
 
 static void read_acknowledging(struct expectation_text *t, struct expectation *x)
@@ -386,9 +386,9 @@ static void read_acknowledging(struct expectation_text *t, struct expectation *x
         t->at--;
         x->all = true;
         for (size_t i = 0; i < t->e->n_alarms && t->rc == 0; i++)
-            x->course = source_of_alarm(t, i);
+            x->trajectory = source_of_alarm(t, i);
     } else {
-        x->course = read_check_alarm(t);
+        x->trajectory = read_check_alarm(t);
     }
     need_word(t, "within");
     x->time = take_time(t);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Expectations judged over the courses of a run: each course is made of pieces, in which its value is one or is not
+/* Expectations judged over the trajectories of a run: each trajectory is made of pieces, in which its value is one or is not
  * known. */
 #include "check_internal.h"
 
@@ -10,17 +10,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-int check_add(struct check_course *course, struct check_point point)
+int check_add(struct check_trajectory *trajectory, struct check_point point)
 {
-    if (course->n == course->room) {
-        const size_t room = course->room ? 2 * course->room : 256;
-        struct check_point *at = reallocarray(course->at, room, sizeof *at);
+    if (trajectory->n == trajectory->room) {
+        const size_t room = trajectory->room ? 2 * trajectory->room : 256;
+        struct check_point *at = reallocarray(trajectory->at, room, sizeof *at);
         if (!at)
             return APC_ENOMEM;
-        course->at = at;
-        course->room = room;
+        trajectory->at = at;
+        trajectory->room = room;
     }
-    course->at[course->n++] = point;
+    trajectory->at[trajectory->n++] = point;
     return 0;
 }
 
@@ -33,7 +33,7 @@ struct piece {
 };
 
 struct pieces {
-    const struct check_course *course;
+    const struct check_trajectory *trajectory;
     apc_ns horizon, end;
     size_t next;  /* point */
     apc_ns stale; /* the point before it is known until then; 0: it goes on */
@@ -42,7 +42,7 @@ struct pieces {
 
 static apc_ns begin_of_next(const struct pieces *p)
 {
-    const apc_ns next = p->next < p->course->n ? p->course->at[p->next].t : INT64_MAX;
+    const apc_ns next = p->next < p->trajectory->n ? p->trajectory->at[p->next].t : INT64_MAX;
     return next < p->end ? next : p->end;
 }
 
@@ -66,9 +66,9 @@ static bool next_piece(struct pieces *p, struct piece *piece)
         *piece = (struct piece){.from = last, .until = begin_of_next(p)};
         return true;
     }
-    const struct check_point *point = &p->course->at[p->next++];
-    for (; p->next < p->course->n && p->course->at[p->next].t <= point->t; p->next++)
-        point = &p->course->at[p->next]; /* at one instant the last one holds */
+    const struct check_point *point = &p->trajectory->at[p->next++];
+    for (; p->next < p->trajectory->n && p->trajectory->at[p->next].t <= point->t; p->next++)
+        point = &p->trajectory->at[p->next]; /* at one instant the last one holds */
     apc_ns until = begin_of_next(p);
     if (p->horizon > 0 && until - point->t > p->horizon)
         until = p->stale = point->t + p->horizon;
@@ -209,11 +209,12 @@ static void judge_at(const struct expectation *x, struct pieces p, struct check_
 }
 
 /* The setpoint in force at @p from, or the first one after it, and when it is another one. */
-static const struct check_point *setpoint_from(const struct check_course *course, apc_ns from, apc_ns *until)
+static const struct check_point *setpoint_from(const struct check_trajectory *trajectory, apc_ns from,
+                                               apc_ns *until)
 {
     const struct check_point *is = NULL;
-    for (size_t i = 0; i < course->n; i++) {
-        const struct check_point *p = &course->at[i];
+    for (size_t i = 0; i < trajectory->n; i++) {
+        const struct check_point *p = &trajectory->at[i];
         if (!is || p->t <= from)
             is = p;
         else if (p->value != is->value) {
@@ -230,8 +231,8 @@ void check_say_unknown(struct check_verdict *v, const char *why)
     snprintf(v->why, sizeof v->why, "%s", why);
 }
 
-static void judge_settling(const struct expectation *x, struct pieces p, const struct check_course *setpoints,
-                           struct check_verdict *v)
+static void judge_settling(const struct expectation *x, struct pieces p,
+                           const struct check_trajectory *setpoints, struct check_verdict *v)
 {
     struct piece piece = {.until = INT64_MIN};
     apc_ns until = x->until, settled = INT64_MIN;
@@ -268,19 +269,19 @@ static void judge_settling(const struct expectation *x, struct pieces p, const s
 }
 
 /* Of one alarm: each time that it is raised. */
-static void judge_acknowledging(const struct expectation *x, const struct check_course *course, apc_ns end,
-                                struct check_verdict *v)
+static void judge_acknowledging(const struct expectation *x, const struct check_trajectory *trajectory,
+                                apc_ns end, struct check_verdict *v)
 {
-    for (size_t i = 0; i < course->n; i++) {
-        const apc_ns raised = course->at[i].t, last = earlier_of(x->until, end);
-        const bool was = i > 0 && apc_alarm_is_unacked((enum apc_alarm_state)course->at[i - 1].value);
+    for (size_t i = 0; i < trajectory->n; i++) {
+        const apc_ns raised = trajectory->at[i].t, last = earlier_of(x->until, end);
+        const bool was = i > 0 && apc_alarm_is_unacked((enum apc_alarm_state)trajectory->at[i - 1].value);
         size_t k = i;
-        if (was || !apc_alarm_is_unacked((enum apc_alarm_state)course->at[i].value) || raised < x->from ||
+        if (was || !apc_alarm_is_unacked((enum apc_alarm_state)trajectory->at[i].value) || raised < x->from ||
             raised > last)
             continue;
-        while (k < course->n && apc_alarm_is_unacked((enum apc_alarm_state)course->at[k].value))
+        while (k < trajectory->n && apc_alarm_is_unacked((enum apc_alarm_state)trajectory->at[k].value))
             k++;
-        const apc_ns acknowledged = k < course->n ? course->at[k].t : INT64_MAX;
+        const apc_ns acknowledged = k < trajectory->n ? trajectory->at[k].t : INT64_MAX;
         if (acknowledged - raised <= x->time) {
             set_verdict(v, CHECK_HELD, acknowledged, NULL);
         } else if (last - raised >= x->time) {
@@ -295,21 +296,22 @@ static void judge_acknowledging(const struct expectation *x, const struct check_
 /* ---- All of it ------------------------------------------------------------------------------ */
 
 /* The points around what is told of. */
-static void take_near(const struct check_course *course, struct check_verdict *v)
+static void take_near(const struct check_trajectory *trajectory, struct check_verdict *v)
 {
     size_t i = 0;
-    while (i < course->n && course->at[i].t <= v->at)
+    while (i < trajectory->n && trajectory->at[i].t <= v->at)
         i++;
     i = i > CHECK_NEAR / 2 + 1 ? i - CHECK_NEAR / 2 - 1 : 0;
-    for (; i < course->n && v->n_near < CHECK_NEAR; i++)
-        v->near[v->n_near++] = course->at[i];
+    for (; i < trajectory->n && v->n_near < CHECK_NEAR; i++)
+        v->near[v->n_near++] = trajectory->at[i];
 }
 
 struct check_verdict check_judge(const struct expectation *x, const struct check_sources *sources,
-                                 const struct check_course *courses, apc_ns end)
+                                 const struct check_trajectory *trajectories, apc_ns end)
 {
-    const struct check_course *course = &courses[x->course];
-    const struct pieces p = {.course = course, .horizon = sources->at[x->course].horizon, .end = end};
+    const struct check_trajectory *trajectory = &trajectories[x->trajectory];
+    const struct pieces p = {
+        .trajectory = trajectory, .horizon = sources->at[x->trajectory].horizon, .end = end};
     struct check_verdict v = {.is = CHECK_UNKNOWN, .value = (double)NAN, .closest = (double)NAN};
 
     switch (x->form) {
@@ -324,17 +326,17 @@ struct check_verdict check_judge(const struct expectation *x, const struct check
         judge_at(x, p, &v);
         break;
     case CHECK_SETTLES:
-        judge_settling(x, p, &courses[x->setpoint], &v);
+        judge_settling(x, p, &trajectories[x->setpoint], &v);
         break;
     case CHECK_ACKNOWLEDGES:
         snprintf(v.why, sizeof v.why, "no alarm was raised");
         for (size_t i = 0; i < sources->n && v.is != CHECK_FAILED; i++)
-            if (x->all ? sources->at[i].table == APC_ALARM : i == x->course)
-                judge_acknowledging(x, &courses[i], end, &v);
+            if (x->all ? sources->at[i].table == APC_ALARM : i == x->trajectory)
+                judge_acknowledging(x, &trajectories[i], end, &v);
         break;
     }
     if (v.is != CHECK_HELD && x->form != CHECK_ACKNOWLEDGES)
-        take_near(course, &v);
+        take_near(trajectory, &v);
     return v;
 }
 
@@ -374,7 +376,7 @@ static void put_check_unknown(const struct check_verdict *v, const struct check_
 void check_words(const struct expectation *x, const struct check_verdict *v,
                  const struct check_sources *sources, char *text, size_t size)
 {
-    const struct check_source *of = &sources->at[x->course];
+    const struct check_source *of = &sources->at[x->trajectory];
     const bool throughout = x->form == CHECK_NEVER || x->form == CHECK_ALWAYS;
     const double at = apc_ns_to_s(v->at);
     char value[200];

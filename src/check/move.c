@@ -9,7 +9,7 @@
 /* What an alarm is about in its place. */
 static struct check_source judged_source(const struct scenario *of, const struct expectation *x)
 {
-    struct check_source source = of->sources.at[x->course];
+    struct check_source source = of->sources.at[x->trajectory];
     if (source.table != APC_ALARM)
         return source;
     const struct apc_alarm *alarm = &of->e.alarm[source.id - 1].is;

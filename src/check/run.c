@@ -5,10 +5,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-struct run_courses {
+struct run_trajectories {
     const struct check_sources *sources;
-    struct check_course *course; /* [n] */
-    bool failed;                 /* out of memory */
+    struct check_trajectory *trajectory; /* [n] */
+    bool failed;                         /* out of memory */
 };
 
 struct check_point check_point_of(const struct check_source *of, const struct apc_sample *row)
@@ -21,26 +21,26 @@ struct check_point check_point_of(const struct check_source *of, const struct ap
                                 .others = severity != APC_SEVERITY_GOOD};
 }
 
-static void take_check_row(struct run_courses *c, const struct apc_sample *row)
+static void take_check_row(struct run_trajectories *c, const struct apc_sample *row)
 {
     for (size_t i = 0; i < c->sources->n; i++) {
         const struct check_source *of = &c->sources->at[i];
         if (of->plant || of->table != row->table || of->id != row->id)
             continue;
-        c->failed = c->failed || check_add(&c->course[i], check_point_of(of, row)) < 0;
+        c->failed = c->failed || check_add(&c->trajectory[i], check_point_of(of, row)) < 0;
     }
 }
 
 static int take_check_rows(void *ctx, const struct samples *rows)
 {
-    struct run_courses *c = ctx;
+    struct run_trajectories *c = ctx;
     for (size_t i = 0; i < rows->n; i++)
         take_check_row(c, &rows->at[i]);
     return c->failed ? APC_ENOMEM : 0;
 }
 
 /* What the store keeps to the end: what became of modes and alarms. */
-static int take_check_kept(struct run_courses *c, struct apc_store *store)
+static int take_check_kept(struct run_trajectories *c, struct apc_store *store)
 {
     int rc = 0;
     for (size_t i = 0; i < c->sources->n && rc == 0; i++) {
@@ -49,7 +49,7 @@ static int take_check_kept(struct run_courses *c, struct apc_store *store)
         if (of->table != APC_ALARM && of->table != APC_ACTUAL)
             continue;
         if (of->table == APC_ALARM)
-            rc = check_add(&c->course[i], (struct check_point){.value = APC_ALARM_NORMAL, .known = true});
+            rc = check_add(&c->trajectory[i], (struct check_point){.value = APC_ALARM_NORMAL, .known = true});
         if (rc == 0)
             rc = samples_collect_one(&rows, store, of->table, of->id, NULL);
         for (size_t k = 0; k < rows.n; k++)
@@ -59,7 +59,7 @@ static int take_check_kept(struct run_courses *c, struct apc_store *store)
     return rc < 0 ? rc : c->failed ? APC_ENOMEM : 0;
 }
 
-static int take_check_plant(struct run_courses *c, const struct trajectory *of)
+static int take_check_plant(struct run_trajectories *c, const struct trajectory *of)
 {
     for (size_t i = 0; i < c->sources->n; i++) {
         const struct check_source *source = &c->sources->at[i];
@@ -70,7 +70,7 @@ static int take_check_plant(struct run_courses *c, const struct trajectory *of)
         for (size_t k = 0; k < curve->n; k++) {
             struct check_point point = {.value = curve->at[k].value, .known = true};
             (void)apc_ns_from_s(curve->at[k].t, &point.t);
-            if (check_add(&c->course[i], point) < 0)
+            if (check_add(&c->trajectory[i], point) < 0)
                 return APC_ENOMEM;
         }
     }
@@ -88,7 +88,7 @@ static bool wants_rows(const struct check_sources *sources)
     return false;
 }
 
-static int judge_scenario(const struct scenario *of, struct simulation *s, struct run_courses *c,
+static int judge_scenario(const struct scenario *of, struct simulation *s, struct run_trajectories *c,
                           struct check_verdict *verdict, struct check_end *end)
 {
     apc_ns ended = INT64_MAX;
@@ -101,7 +101,7 @@ static int judge_scenario(const struct scenario *of, struct simulation *s, struc
     if (rc == 0)
         rc = take_check_plant(c, &s->trajectory);
     for (size_t i = 0; i < of->n_expect && rc == 0; i++)
-        verdict[i] = check_judge(&of->expect[i], &of->sources, c->course, ended);
+        verdict[i] = check_judge(&of->expect[i], &of->sources, c->trajectory, ended);
     return rc;
 }
 
@@ -126,19 +126,20 @@ int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_ve
     struct run_triggers t;
     struct apc_error why = {""};
     const size_t n = scenario->sources.n;
-    struct run_courses c = {.sources = &scenario->sources, .course = calloc(n + 1, sizeof *c.course)};
+    struct run_trajectories c = {.sources = &scenario->sources,
+                                 .trajectory = calloc(n + 1, sizeof *c.trajectory)};
     *end = (struct check_end){.rc = 0};
     int rc = begin_scenario(scenario, seed, &t, &s, &why);
     snprintf(end->why, sizeof end->why, "%.199s", why.text);
     if (rc == 0)
-        rc = c.course ? judge_scenario(scenario, &s, &c, verdict, end) : APC_ENOMEM;
+        rc = c.trajectory ? judge_scenario(scenario, &s, &c, verdict, end) : APC_ENOMEM;
     if (rc == 0)
         triggers_judge(&t, verdict);
     simulation_destroy(&s);
     free(t.memory);
-    for (size_t i = 0; c.course && i < n; i++)
-        free(c.course[i].at);
-    free(c.course);
+    for (size_t i = 0; c.trajectory && i < n; i++)
+        free(c.trajectory[i].at);
+    free(c.trajectory);
     return rc;
 }
 

@@ -108,7 +108,7 @@ void triggers_look(void *ctx, apc_ns now)
         const struct scenario_trigger *trigger = &t->of->trigger[i];
         const struct expectation *x = &t->of->expect[trigger->expectation];
         if (t->met[i] == NEVER) {
-            const struct check_point point = point_now(t, &t->of->sources.at[x->course], now);
+            const struct check_point point = point_now(t, &t->of->sources.at[x->trajectory], now);
             if (point.known && check_is_true(x, &point))
                 t->met[i] = now;
         }

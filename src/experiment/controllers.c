@@ -495,7 +495,7 @@ static void check_cascade(struct settings *s, const config_setting_t *list, cons
 }
 
 struct count {
-    int numbers, courses;
+    int numbers, vectors;
 };
 
 static void count_published_output(void *ctx, size_t output, const struct apc_published *published)
@@ -503,14 +503,14 @@ static void count_published_output(void *ctx, size_t output, const struct apc_pu
     struct count *n = ctx;
     (void)output;
     n->numbers += published->length == 0;
-    n->courses += published->length > 0;
+    n->vectors += published->length > 0;
 }
 
 static void number_published(struct settings *s, struct controller *c, struct count *n)
 {
     const struct apc_law_setup setup = module_law_setup(c);
     c->first_estimate = n->numbers + 1;
-    c->first_prediction = n->courses + 1;
+    c->first_prediction = n->vectors + 1;
     c->n_published = apc_law_published(c->law, &setup, count_published_output, n, s->why);
     if (c->n_published < 0)
         s->failed = c->n_published;

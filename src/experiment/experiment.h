@@ -110,7 +110,7 @@ struct controller {
     int number;                           /* of its tick row */
     int first_loop;                       /* of its outputs' loops, in table opmode */
     int first_tuning;                     /* of its parameters; 0 where its law is not known */
-    int first_estimate, first_prediction; /* of what its law publishes: numbers, courses; so are these */
+    int first_estimate, first_prediction; /* of what its law publishes: numbers, vectors; so are these */
     int n_published;                      /* of both */
     int acting;       /* of the switch in table opmode that says who acts on its outputs; 0: there is none */
     int first_output; /* with it: of its outputs as it would put them out, among the numbers */

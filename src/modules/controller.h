@@ -2,7 +2,7 @@
 /*
  * Inside the controller, whose loops stand each by itself: one state, mode, hold and fault an output.
  *
- * controller.c makes it and does a tick; inputs.c takes what the shared data say and gathers the facts of each
+ * controller.c makes it and does a tick; inputs.c takes what the shared data say and gathers the inputs of each
  * loop; loop.c finds from them what the loop does; law.c asks the law; rows.c lays out what is read and
  * written; cascade.c has what loops above and below have to do with each other; fast_path.c says of which loops a
  * tick need not ask all this again.
@@ -17,7 +17,7 @@
 struct apc_controller_state {
     struct apc_loop_memory loop;
     struct apc_loop_inputs inputs;
-    enum apc_loop_state from; /* move follows from it and facts; 0: it does not */
+    enum apc_loop_state from; /* move follows from it and the inputs; 0: it does not */
     struct apc_loop_move move;
     enum apc_mode target, actual;
     apc_ns since;           /* when the law's output ceased to go out */
@@ -261,7 +261,7 @@ void apc_controller_take_manual(struct apc_controller *controller, size_t i, apc
 void apc_controller_take_choice(struct apc_controller *controller);
 /** Of table actual, what stands there is what was told. */
 void apc_controller_take_told(struct apc_controller *controller, size_t k, const struct apc_sample *newest);
-/** Gather the facts of loop @p i, and its move, both with a usable answer of the law assumed. [tick] */
+/** Gather the inputs of loop @p i, and its move, both with a usable answer of the law assumed. [tick] */
 void apc_controller_gather(struct apc_controller *controller, size_t i, bool have, struct apc_now now);
 /** Say of everything that is wanted what became of it. [tick] */
 void apc_controller_confirm(struct apc_controller *controller);

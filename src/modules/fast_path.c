@@ -2,7 +2,7 @@
 /*
  * Loops with nothing to decide. A loop is on the fast path when its last tick was one in Auto, as the one
  * before, with a good answer of the law, and left nothing to say. As long as nothing but measurements is new to it, what is
- * to be decided would come out as it did: its facts, its move, its mode, what is told of that and stands of
+ * to be decided would come out as it did: its inputs, its move, its mode, what is told of that and stands of
  * it in the tick row stay as they are. Such a tick asks the law and puts its answer; whatever else happens,
  * even in that answer, makes it one as any other. So it never matters that a loop is on the fast path:
  * test_modules_fast_path.c.

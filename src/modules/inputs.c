@@ -484,7 +484,7 @@ static bool has_input(struct apc_controller *c, const struct apc_controller_law 
     return has && any;
 }
 
-static bool are_same_facts(const struct apc_loop_inputs *a, const struct apc_loop_inputs *b)
+static bool are_same_loop_inputs(const struct apc_loop_inputs *a, const struct apc_loop_inputs *b)
 {
     return a->target == b->target && a->acting == b->acting && a->setpoint == b->setpoint &&
            a->taken == b->taken && a->invited == b->invited && a->input == b->input && a->law == b->law &&
@@ -522,7 +522,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         .backup = backup && (ready || apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold)),
         .bare = backup && !ready,
         .remote = cascade && c->above[l->setpoint].remote};
-    if (l->loop.state != l->from || !are_same_facts(&inputs, &l->inputs)) {
+    if (l->loop.state != l->from || !are_same_loop_inputs(&inputs, &l->inputs)) {
         l->from = l->loop.state;
         l->inputs = inputs;
         l->move = apc_loop_next(l->loop.state, &inputs);

@@ -201,7 +201,7 @@ struct published {
     const struct apc_published *what;
     size_t instance, in;     /* which of its variables */
     size_t at, end;          /* where it begins in published; behind it */
-    size_t numbers, courses; /* up to this one */
+    size_t numbers, vectors; /* up to this one */
 };
 
 static bool next_published(const struct apc_controller *c, struct published *p)
@@ -221,7 +221,7 @@ static bool next_published(const struct apc_controller *c, struct published *p)
         if (p->what->length ? !c->prediction : !c->estimate)
             continue;
         p->numbers += p->what->length == 0;
-        p->courses += p->what->length > 0;
+        p->vectors += p->what->length > 0;
         return true;
     }
     return false;
@@ -265,7 +265,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     while (next_published(c, &p))
         ;
     c->samples = calloc(n_in + n_out + 3 * c->n_actual + 2 * p.numbers + n_told, sizeof(*c->samples));
-    c->vectors = calloc(n_vectors + 1 + p.courses, sizeof(*c->vectors));
+    c->vectors = calloc(n_vectors + 1 + p.vectors, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
     c->plan_values = calloc((size_t)2 * APC_PLAN_PAIRS * n_plans + 1, sizeof(*c->plan_values));
@@ -593,7 +593,7 @@ static void put_published(struct apc_controller *c, apc_ns utc)
             continue;
         if (p.what->length)
             c->out.vector[c->out.n_vectors++] = (struct apc_vector){.table = APC_PREDICTION,
-                                                                    .id = c->prediction + (int)p.courses - 1,
+                                                                    .id = c->prediction + (int)p.vectors - 1,
                                                                     .seq = c->seq,
                                                                     .time = utc,
                                                                     .n = (uint32_t)n,

@@ -92,10 +92,10 @@ void ticks_free(struct ticks *ticks);
 /* NULL: it is not on record. */
 const struct tick_row *ticks_find(const struct ticks *ticks, int64_t seq);
 
-/* ---- Course --------------------------------------------------------------------------------- */
+/* ---- Trajectories --------------------------------------------------------------------------- */
 
 /*
- * The course of a run, of which its figures are made: what the plant put out, what was wanted, what the plant
+ * The trajectories of a run, of which its figures are made: what the plant put out, what was wanted, what the plant
  * was given, and when nobody controlled it. Times are in s since the start of the run.
  */
 
@@ -130,7 +130,7 @@ void trajectory_change(struct trajectory *c, struct curve *curve, double t, doub
 void trajectory_add(struct trajectory *c, struct curve *curve, double t, double value);
 
 /*
- * The course as the samples of a run in real time tell it, their times counted from @p start. There was no
+ * Those that the samples of a run in real time tell, their times counted from @p start. There was no
  * control while an output was not the law's, or while outputs or measurements stayed away for longer than the
  * plant waits for them. Returns 0 or APC_ENOMEM; trajectory_free() in either case.
  */

@@ -12,7 +12,7 @@
 #define FILE_NAME "plant.csv"
 #define HEADER    "time,what,id,value"
 
-static size_t curves_of(const struct apc_dim *dim)
+static size_t trajectory_curves(const struct apc_dim *dim)
 {
     return dim->ny + 3 * dim->nz + dim->nu;
 }
@@ -20,7 +20,7 @@ static size_t curves_of(const struct apc_dim *dim)
 int trajectory_create(struct trajectory *c, const struct apc_dim *dim)
 {
     *c = (struct trajectory){.dim = *dim, .gap = HUGE_VAL};
-    c->output = calloc(curves_of(dim), sizeof *c->output);
+    c->output = calloc(trajectory_curves(dim), sizeof *c->output);
     c->setpoint = c->output + dim->ny;
     c->input = c->setpoint + dim->nz;
     c->target = c->input + dim->nu;
@@ -31,7 +31,7 @@ int trajectory_create(struct trajectory *c, const struct apc_dim *dim)
 
 void trajectory_free(struct trajectory *c)
 {
-    for (size_t i = 0; c->output && i < curves_of(&c->dim); i++)
+    for (size_t i = 0; c->output && i < trajectory_curves(&c->dim); i++)
         free(c->output[i].at);
     free(c->output);
     free(c->without.at);

@@ -12,7 +12,7 @@ import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
-import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/prediction";
+import {trajectoryRows, trajectorySeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/prediction";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place, multiples, steps} from "../src/core/scale";
@@ -147,9 +147,9 @@ test("what is expected stands beside what was as far as there is room, and of no
   assert.equal(pensAbout(["y1"], window), "pens=y1;span=60;ahead=1");
   assert.deepEqual([aheadOf(window, 6), aheadOf(window, 600), aheadOf({...window, ahead: undefined}, 6)], [6, 20, 0]);
   assert.deepEqual(chosen("pens=y1;ahead=2", 1e9).faults, ["“ahead=2” of the link means nothing here."]);
-  const course = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 1, expected: [1, 2], came: [null, null]};
+  const trajectory = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 1, expected: [1, 2], came: [null, null]};
   const of = predictors(predicted);
-  const shown = (now: number | null): string[] => [...expectedOf([course, {...course, ref: "sensor.99"}], of, now).keys()];
+  const shown = (now: number | null): string[] => [...expectedOf([trajectory, {...trajectory, ref: "sensor.99"}], of, now).keys()];
   assert.deepEqual([shown(101), shown(1000), shown(null)], [["sensor.1"], [], ["sensor.1"]]);
 });
 
@@ -420,13 +420,13 @@ test("published signals are those of their controller; what holds a plan back ha
   const two = {...predicted, controllers: [...predicted.controllers, {number: 2, name: "upper", period: 20}], variables: predicted.variables.map(one => (one.table === "estimate" ? {...one, name: `upper.${one.name}`} : one))};
   assert.deepEqual(predictors(two).map(one => [one.controller.name, one.measured.length, one.moved.length, one.states[0]?.name]), [["upper", 2, 0, "upper.h1.estimate"]]);
   assert.deepEqual([0, 1, 2, 9, 12].map(heldBack), ["none", "low limit", "high limit", "low limit, high rate limit", "low rate limit, high rate limit"]);
-  const course = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 0.5, expected: [1, null, 3], came: []};
+  const trajectory = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 0.5, expected: [1, null, 3], came: []};
   const controller = {number: 1, name: "base", period: 2};
-  assert.deepEqual([106, 106.1].map(now => isOfNow(course, controller, now)), [true, false]);
-  assert.deepEqual(courseSeries(course), {t: [101, 101.5, 102], low: [1, null, 3], high: [1, null, 3], mid: [1, null, 3]});
-  assert.deepEqual([horizon([course]), horizon([])], [2, 0]);
-  assert.deepEqual(courseRows([course, {...course, name: "u", expected: [5]}], 2), {head: [1, 2], rows: [{name: "y1", values: [1, 3]}, {name: "u", values: [5, null]}]});
-  assert.deepEqual(courseRows([], 9), {head: [], rows: []});
+  assert.deepEqual([106, 106.1].map(now => isOfNow(trajectory, controller, now)), [true, false]);
+  assert.deepEqual(trajectorySeries(trajectory), {t: [101, 101.5, 102], low: [1, null, 3], high: [1, null, 3], mid: [1, null, 3]});
+  assert.deepEqual([horizon([trajectory]), horizon([])], [2, 0]);
+  assert.deepEqual(trajectoryRows([trajectory, {...trajectory, name: "u", expected: [5]}], 2), {head: [1, 2], rows: [{name: "y1", values: [1, 3]}, {name: "u", values: [5, null]}]});
+  assert.deepEqual(trajectoryRows([], 9), {head: [], rows: []});
 });
 
 test("any link gives a place", () => {

@@ -157,8 +157,8 @@ export class Fake {
   }
 
   #predictions() {
-    const course = (ref, name, of) => ({ref, name, made: this.now - 0.5, first: 1, step: 1, expected: Array.from({length: 30}, (_, k) => of(this.now + k)), came: Array(30).fill(null)});
-    return {t: this.now, at: this.now, predictions: this.predicts ? [course("sensor.1", "y", this.value), course("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
+    const trajectory = (ref, name, of) => ({ref, name, made: this.now - 0.5, first: 1, step: 1, expected: Array.from({length: 30}, (_, k) => of(this.now + k)), came: Array(30).fill(null)});
+    return {t: this.now, at: this.now, predictions: this.predicts ? [trajectory("sensor.1", "y", this.value), trajectory("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
   }
 
   /** Causes of each kind, some without effect. */

@@ -1325,8 +1325,8 @@ test("what predictive control expects, what holds it back, and how its solver do
   env.source.send("plant", {revision: 11});
   const t = server.now;
   let made = t;
-  const course = (ref: string, name: string, expected: number[]): object => ({ref, name, made, first: 2, step: 2, expected, came: expected.map(() => null)});
-  env.routes.set("/api/predictions", each => each.answer({t, at: t, predictions: [course("sensor.1", "y1", [10, 11, 12]), course("actuator.1", "u1", [1, 2, 3]), course("actuator.9", "of another", [0])]}));
+  const trajectory = (ref: string, name: string, expected: number[]): object => ({ref, name, made, first: 2, step: 2, expected, came: expected.map(() => null)});
+  env.routes.set("/api/predictions", each => each.answer({t, at: t, predictions: [trajectory("sensor.1", "y1", [10, 11, 12]), trajectory("actuator.1", "u1", [1, 2, 3]), trajectory("actuator.9", "of another", [0])]}));
   const estimate = (i: number, value: number): [string, Sample] => [`estimate.${i}`, [9, t, value, "Good"]];
   await state(Object.fromEntries([estimate(1, 12.5), estimate(3, 3.5), estimate(5, 0.25), estimate(6, 0), estimate(8, 6), estimate(10, 1.5), estimate(11, 0.004), estimate(12, 1), estimate(13, 7), estimate(14, 2)]));
   await show("overview");
@@ -1365,7 +1365,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   for (const words of [/high limit, low rate limit/, /sub-optimal: /, /4\.00 ms/, /^\??7/]) assert.ok(old.some(text => words.test(text)), `${words} stands as if it were of now: ${old.join("; ")}`);
   // Beside a trend as well, where that is wanted; the link says it.
   made = server.now;
-  env.routes.set("/api/predictions", each => each.answer({t: made, at: made, predictions: [course("sensor.1", "y1", [10, 11, 12])]}));
+  env.routes.set("/api/predictions", each => each.answer({t: made, at: made, predictions: [trajectory("sensor.1", "y1", [10, 11, 12])]}));
   await show("trend/pens=y1;span=60;ahead=1");
   await env.pass(0.8);
   await settle();
@@ -1386,7 +1386,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   const history = env.routes.get("/api/history")!;
   made = server.now;
   env.routes.set("/api/history", each => each.answer(server.history({...each.query, var: "sensor.1"}, Array.from({length: 100}, (_, k) => [made - 100 + k, 10]))));
-  env.routes.set("/api/predictions", each => each.answer({t: made, at: made, predictions: [course("sensor.1", "y1", Array.from({length: 30}, () => 10))]}));
+  env.routes.set("/api/predictions", each => each.answer({t: made, at: made, predictions: [trajectory("sensor.1", "y1", Array.from({length: 30}, () => 10))]}));
   for (let k = 0; k < 8; k++) {
     env.source.send("values", {t: server.now, values: {"sensor.1": [1000 + k, server.now, 10, "Good"]}}, `a.${3000 + k}`);
     await env.pass(0.6);

@@ -300,24 +300,24 @@ static int put_laws(FILE *out, const char *dir, const struct experiment *e, stru
     return rc;
 }
 
-static void put_facts(FILE *out, const struct experiment *e, const struct folder_facts *facts)
+static void put_metadata(FILE *out, const struct experiment *e, const struct folder_metadata *metadata)
 {
     char start[APC_TIME_LEN];
     struct record_build build;
     record_build_here(&build);
     fputs("# What was in force in this run, beside what run.conf says.\n", out);
-    put_record_text(out, "by", facts->by);
+    put_record_text(out, "by", metadata->by);
     put_record_text(out, "\nversion", build.libapc);
     put_record_text(out, "\ncvode", build.cvode);
     put_record_text(out, "\nmachine", build.machine);
-    if (facts->host) {
-        put_record_text(out, "\nhost", facts->host);
-        put_record_text(out, "\nstart", apc_time_format(facts->start, start));
-        put_record_text(out, "\ntimer", facts->timer);
-        put_record_text(out, "\nstore", facts->store);
+    if (metadata->host) {
+        put_record_text(out, "\nhost", metadata->host);
+        put_record_text(out, "\nstart", apc_time_format(metadata->start, start));
+        put_record_text(out, "\ntimer", metadata->timer);
+        put_record_text(out, "\nstore", metadata->store);
     }
-    if (facts->live)
-        put_record_text(out, "\nlive", facts->live);
+    if (metadata->live)
+        put_record_text(out, "\nlive", metadata->live);
     fputc('\n', out);
     put_record_number(out, "duration", e->duration);
     fprintf(out, "seed = %" PRId64 "L;\n", (int64_t)e->seed);
@@ -327,7 +327,7 @@ static void put_facts(FILE *out, const struct experiment *e, const struct folder
     }
 }
 
-static int write_record(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+static int write_record(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,
                         struct apc_error *why)
 {
     char path[PATH_LEN], hash[RECORD_HASH_LEN];
@@ -336,7 +336,7 @@ static int write_record(const char *dir, const struct experiment *e, const struc
     int rc = record_hash(path, hash, why);
     if (rc < 0 || (rc = file_open(&f, dir, RECORD_FILE, why)) < 0)
         return rc;
-    put_facts(f.stream, e, facts);
+    put_metadata(f.stream, e, metadata);
     fputs("experiment = { ", f.stream);
     put_record_text(f.stream, "name", e->name);
     put_record_text(f.stream, "sha256", hash);
@@ -374,7 +374,7 @@ static int write_end(const char *dir, double ended, struct apc_error *why)
     return rc;
 }
 
-int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+int folder_keep(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,
                 struct apc_error *why)
 {
     char from[PATH_LEN], to[PATH_LEN], name[RECORD_LAW_LEN];
@@ -390,7 +390,7 @@ int folder_keep(const char *dir, const struct experiment *e, const struct folder
         else if (rename(from, to) != 0)
             return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", to, strerror(errno));
     }
-    return write_record(dir, e, facts, why);
+    return write_record(dir, e, metadata, why);
 }
 
 int folder_spare(const char *path, bool force, struct apc_error *why)

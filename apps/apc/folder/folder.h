@@ -14,7 +14,7 @@
 #include "experiment/experiment.h"
 
 /* What the record says beside the experiment. */
-struct folder_facts {
+struct folder_metadata {
     const char *by;                   /* the command */
     const char *timer, *store, *host; /* NULL: in virtual time */
     const char *live;                 /* the store in memory beside that; NULL: there is none */
@@ -34,7 +34,7 @@ int folder_make(const char *dir, bool force, struct apc_error *why);
  */
 int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why);
 /* From here on the folder is this run's: what else was there of another one goes. */
-int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+int folder_keep(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,
                 struct apc_error *why);
 /* Take back what folder_create() made, when nothing has been added. */
 void folder_discard(const char *dir, const struct experiment *e);

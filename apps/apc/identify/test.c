@@ -263,9 +263,9 @@ static int export_live(struct test *z, struct apc_error *why)
     char name[256], host[64] = "";
     gethostname(host, sizeof host - 1);
     store_name(z->cli.store ? z->cli.store : "postgresql:", name, sizeof name);
-    const struct folder_facts facts = {
+    const struct folder_metadata metadata = {
         .by = "apc test", .timer = "", .store = name, .host = host, .start = z->begin};
-    int rc = folder_keep(z->dir, &z->e, &facts, why);
+    int rc = folder_keep(z->dir, &z->e, &metadata, why);
 
     return rc < 0 ? rc : folder_export(z->dir, z->store, &z->e, z->begin, 0, z->begin, z->bench.now, why);
 }

@@ -196,17 +196,17 @@ void run_discard(const struct run *r)
     folder_discard(r->dir, &r->e);
 }
 
-static struct folder_facts facts_of(struct run *r)
+static struct folder_metadata metadata_of(struct run *r)
 {
     store_name(r->record, r->store_name, sizeof r->store_name);
     snprintf(r->live_name, sizeof r->live_name, "%.*s", (int)strcspn(r->cli.store, "?"), r->cli.store);
     gethostname(r->host, sizeof r->host - 1);
-    return (struct folder_facts){.by = "apc run",
-                                 .timer = r->options.timer ? r->options.timer : "deadline",
-                                 .store = r->store_name,
-                                 .live = r->history ? r->live_name : NULL,
-                                 .host = r->host,
-                                 .start = r->start};
+    return (struct folder_metadata){.by = "apc run",
+                                    .timer = r->options.timer ? r->options.timer : "deadline",
+                                    .store = r->store_name,
+                                    .live = r->history ? r->live_name : NULL,
+                                    .host = r->host,
+                                    .start = r->start};
 }
 
 /* The daemons load run.conf there, and with it the record and the plug-ins: what they run is what is kept. */
@@ -217,8 +217,8 @@ int run_keep_folder(struct run *r)
     r->begin = r->start - apc_clock_offset(NULL, NULL);
     r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
     snprintf(r->config, sizeof r->config, "%s/run.conf", r->dir);
-    const struct folder_facts facts = facts_of(r);
-    int rc = folder_keep(r->dir, &r->e, &facts, &why);
+    const struct folder_metadata metadata = metadata_of(r);
+    int rc = folder_keep(r->dir, &r->e, &metadata, &why);
     if (rc < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     return rc;

@@ -64,7 +64,7 @@ void checked_near(const struct checked *c, const struct check_outcome *o, size_t
                   size_t size)
 {
     const struct check_verdict *v = o->verdict;
-    const struct check_source *of = &c->scenario.sources.at[c->scenario.expect[expectation].course];
+    const struct check_source *of = &c->scenario.sources.at[c->scenario.expect[expectation].trajectory];
     size_t used = 0;
     *text = '\0';
     if (!v || v->is == CHECK_HELD || v->n_near == 0 || of->table == APC_ALARM || of->table == APC_ACTUAL)

@@ -29,8 +29,8 @@ static int fill_timing(const struct simulation *s)
 int simulation_export(const struct simulation *s, const char *dir, const char *by, apc_ns since,
                       struct apc_error *why)
 {
-    const struct folder_facts facts = {.by = by, .start = SIMULATION_BEGIN};
-    int rc = folder_keep(dir, s->e, &facts, why);
+    const struct folder_metadata metadata = {.by = by, .start = SIMULATION_BEGIN};
+    int rc = folder_keep(dir, s->e, &metadata, why);
     if (rc < 0)
         return rc;
     if ((rc = fill_timing(s)) < 0)

@@ -65,14 +65,15 @@ static int find_start(struct apc_store *store, const struct experiment *e, apc_n
 static int make_whatif_folder(struct whatif *w, struct apc_store *store, const struct experiment *e,
                               struct apc_error *why)
 {
-    struct folder_facts facts = {.by = "apc simulate --from", .timer = "", .store = w->store, .host = ""};
+    struct folder_metadata metadata = {
+        .by = "apc simulate --from", .timer = "", .store = w->store, .host = ""};
     const char *tmp = getenv("TMPDIR");
     char name[sizeof w->store];
     char differs[PROVISION_TEXT];
     int rc = provision_check(store, e, differs);
     if (rc < 0)
         return apc_fail(why, rc, "%s", rc == APC_EPERM ? differs : apc_store_error(store));
-    if ((rc = find_start(store, e, w->utc, &facts.start, why)) < 0)
+    if ((rc = find_start(store, e, w->utc, &metadata.start, why)) < 0)
         return rc;
     snprintf(w->dir, sizeof w->dir, "%.380s/apc-XXXXXX", tmp && *tmp ? tmp : "/tmp");
     if (!mkdtemp(w->dir)) {
@@ -81,12 +82,12 @@ static int make_whatif_folder(struct whatif *w, struct apc_store *store, const s
         return rc;
     }
     store_name(w->store, name, sizeof name);
-    facts.store = name;
-    w->at = apc_ns_to_s(w->utc - facts.start);
+    metadata.store = name;
+    w->at = apc_ns_to_s(w->utc - metadata.start);
     rc = folder_create(w->dir, e, false, why);
     if (rc == 0)
-        rc = folder_keep(w->dir, e, &facts, why);
-    return rc == 0 ? folder_export(w->dir, store, e, facts.start, 0, facts.start, 0, why) : rc;
+        rc = folder_keep(w->dir, e, &metadata, why);
+    return rc == 0 ? folder_export(w->dir, store, e, metadata.start, 0, metadata.start, 0, why) : rc;
 }
 
 int whatif_store_take(struct whatif *w, const char *file, struct apc_error *why)

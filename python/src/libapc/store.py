@@ -42,7 +42,7 @@ class Tag(NamedTuple):
     controller: str  #: whose it is; "": nobody's
     area: str
     period: float  #: how often it comes, s; 0: not said
-    step: float  #: of a vector: s from element to element; 0: they are no course in time
+    step: float  #: of a vector: s from element to element; 0: its elements are not spaced in time
 
 
 class Event(NamedTuple):

@@ -343,7 +343,7 @@ static void assert_poles_of_course(const struct world *w, const struct apc_loop 
 /* Each error that goes in, by itself, once a period: variances add up. */
 static void assert_cost_of_course(const struct world *w, const struct apc_loop *loop)
 {
-    const struct apc_loop_course half[] = {{0.5, TICKS, w->tick}, {0.5, TICKS, w->tick}};
+    const struct apc_loop_schedule half[] = {{0.5, TICKS, w->tick}, {0.5, TICKS, w->tick}};
     double y[NY], u[OUTS], y_sum[NY] = {0.0}, u_sum[OUTS] = {0.0};
 
     for (size_t k = 0; k < KICKS * NX + TICKS * INS; k++) {

@@ -407,7 +407,7 @@ static void lost_commands_cost_what_their_recursion_says(void **state)
 {
     const double K = 0.7, lost = 0.2, kept = 1.0 - lost, noise = 1.5, q = noise * noise;
     const struct apc_loop_tick tick[2] = {{0, 0, 0, 0, 0}, {0, 0, 0, 0, INT64_MAX}};
-    const struct apc_loop_course course[3] = {
+    const struct apc_loop_schedule schedule[3] = {
         {kept, 1, tick}, {lost / 4.0, 1, tick + 1}, {lost * 0.75, 0, NULL}};
     struct apc_loop *loop = noisy(K, 0, noise, 0.0);
     double X = 0.0, Y = 0.0, U = 0.0, y, u, expected = 0.0;
@@ -427,7 +427,7 @@ static void lost_commands_cost_what_their_recursion_says(void **state)
             (kept * (1.0 - K * t) * (1.0 - K * t) * X + lost * (X + 2.0 * t * Y + t * t * U) + q * t) /
             (double)LOOKS;
     }
-    assert_int_equal(apc_loop_cost(loop, course, 3, &y, &u, NULL), 0);
+    assert_int_equal(apc_loop_cost(loop, schedule, 3, &y, &u, NULL), 0);
     assert_near(y, expected, 1e-8);
     assert_near(u, U, 1e-8);
     apc_loop_destroy(loop);

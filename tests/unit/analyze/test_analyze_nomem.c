@@ -112,7 +112,7 @@ static int peaks(void)
 
 static int cost(void)
 {
-    const struct apc_loop_course half[] = {{0.5, 2, tick}, {0.5, 1, tick}};
+    const struct apc_loop_schedule half[] = {{0.5, 2, tick}, {0.5, 1, tick}};
     double y[2], u[2];
 
     return apc_loop_cost(loop, half, 2, y, u, &why);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Scenarios: what expectations mean, over courses made by hand; what is refused; a run of one. */
+/* Scenarios: what expectations mean, over trajectories made by hand; what is refused; a run of one. */
 #include "check.h"
 
 #include <stdio.h>
@@ -29,7 +29,7 @@ static const char loop_text[] =
 struct room {
     struct experiment e;
     struct check_sources sources;
-    struct check_course course[8];
+    struct check_trajectory trajectory[8];
 };
 
 static int begin(void **state)
@@ -50,13 +50,13 @@ static int end(void **state)
 {
     struct room *room = *state;
     for (size_t i = 0; i < 8; i++)
-        free(room->course[i].at);
+        free(room->trajectory[i].at);
     free(room->sources.at);
     experiment_free(&room->e);
     return 0;
 }
 
-/* The course of what @p expectation, "never y < 0", is about becomes these values, at 0 s, 1 s, ...; NAN: Bad. */
+/* The trajectory of what @p expectation, "never y < 0", is about becomes these values, at 0 s, 1 s, ...; NAN: Bad. */
 static struct expectation expected(struct room *room, const char *text)
 {
     struct expectation x;
@@ -66,23 +66,23 @@ static struct expectation expected(struct room *room, const char *text)
     return x;
 }
 
-static void put(struct room *room, size_t course, double t, double value)
+static void put(struct room *room, size_t trajectory, double t, double value)
 {
     const struct check_point point = {
         .t = (apc_ns)(t * 1e9), .value = isnan(value) ? 3 : value, .known = !isnan(value)};
-    assert_int_equal(check_add(&room->course[course], point), 0);
+    assert_int_equal(check_add(&room->trajectory[trajectory], point), 0);
 }
 
-static void put_steady(struct room *room, size_t course, double from, double until, double value)
+static void put_steady(struct room *room, size_t trajectory, double from, double until, double value)
 {
     for (double t = from; t < until; t++)
-        put(room, course, t, value);
+        put(room, trajectory, t, value);
 }
 
 static struct check_verdict judged(struct room *room, const char *text, apc_ns ended)
 {
     const struct expectation x = expected(room, text);
-    return check_judge(&x, &room->sources, room->course, ended);
+    return check_judge(&x, &room->sources, room->trajectory, ended);
 }
 
 #define assert_judged(room, text, what, when)                                                                \
@@ -95,7 +95,7 @@ static struct check_verdict judged(struct room *room, const char *text, apc_ns e
 /* y: 10, from 20 s on 20, from 30 s on Bad, from 40 s on 10, nothing from 60 to 80 s, then 10 */
 static void make_course(struct room *room)
 {
-    const size_t y = expected(room, "never y < -99").course;
+    const size_t y = expected(room, "never y < -99").trajectory;
     put_steady(room, y, 1, 20, 10);
     put_steady(room, y, 20, 30, 20);
     put_steady(room, y, 30, 40, (double)NAN);
@@ -154,11 +154,11 @@ static void settling_is_of_the_step_and_until_the_next_one(void **state)
     put(room, x.setpoint, 0, 10);
     put(room, x.setpoint, 25, 10);
     put(room, x.setpoint, 50, 20);
-    put_steady(room, x.course, 0, 50, 10);
+    put_steady(room, x.trajectory, 0, 50, 10);
     for (int t = 50; t < 90; t++)
-        put(room, x.course, t, t < 60 ? t - 40 : 20.4);
-    put_steady(room, x.course, 90, 100, 25);
-    room->sources.at[x.course].horizon = 0;
+        put(room, x.trajectory, t, t < 60 ? t - 40 : 20.4);
+    put_steady(room, x.trajectory, 90, 100, 25);
+    room->sources.at[x.trajectory].horizon = 0;
     assert_judged(room, "settles y within 5 % in 20 s from 50 s until 90 s", CHECK_HELD, 60);
     assert_judged(room, "settles y within 5 % in 9.9 s from 50 s until 90 s", CHECK_FAILED, 60);
     assert_judged(room, "settles y within 3 % in 20 s from 50 s until 90 s", CHECK_FAILED, 90);
@@ -166,17 +166,17 @@ static void settling_is_of_the_step_and_until_the_next_one(void **state)
     assert_judged(room, "settles y within 1.5 in 20 s from 50 s until 90 s", CHECK_HELD, 59);
     assert_judged(room, "settles y within 0.1 in 20 s", CHECK_HELD, 0); /* the window ends with the step */
     assert_judged(room, "settles y within 5 % in 20 s from 20 s", CHECK_UNKNOWN, 20); /* there is none */
-    put(room, x.course, 99.5, (double)NAN);
+    put(room, x.trajectory, 99.5, (double)NAN);
     assert_judged(room, "settles y within 6.0 in 20 s from 50 s", CHECK_UNKNOWN, 99.5);
 }
 
 static void an_output_is_at_its_fault_value_only_if_it_is_not_its_laws(void **state)
 {
     struct room *room = *state;
-    const size_t u = expected(room, "u at fault value").course,
-                 told = expected(room, "u at safe value").course;
-    assert_int_equal(check_add(&room->course[u], (struct check_point){.value = 2, .known = true}), 0);
-    assert_int_equal(check_add(&room->course[u],
+    const size_t u = expected(room, "u at fault value").trajectory,
+                 told = expected(room, "u at safe value").trajectory;
+    assert_int_equal(check_add(&room->trajectory[u], (struct check_point){.value = 2, .known = true}), 0);
+    assert_int_equal(check_add(&room->trajectory[u],
                                (struct check_point){.t = 9 * S, .value = 2, .known = true, .others = true}),
                      0);
     put(room, told, 0, 0);
@@ -189,7 +189,7 @@ static void an_output_is_at_its_fault_value_only_if_it_is_not_its_laws(void **st
 static void alarms_are_raised_and_acknowledged(void **state)
 {
     struct room *room = *state;
-    const size_t a = expected(room, "never alarm y.low").course;
+    const size_t a = expected(room, "never alarm y.low").trajectory;
     put(room, a, 0, APC_ALARM_NORMAL);
     put(room, a, 20, APC_ALARM_UNACKED);
     put(room, a, 30, APC_ALARM_RETURNED);

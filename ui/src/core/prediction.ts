@@ -2,7 +2,7 @@
 // What predictive laws say of themselves: which published signals are of which loop, what holds a plan back, in words. Pure.
 import {duration} from "./format";
 import type {Series} from "./series";
-import type {Controller, Course, Loop, Plant, Ref, Variable} from "./types";
+import type {Controller, Trajectory, Loop, Plant, Ref, Variable} from "./types";
 import {known, tr} from "./texts";
 
 export interface Handled {
@@ -69,40 +69,40 @@ export const resultWords = (result: number): string => known("plan.result", Stri
 const PERIODS = 3;
 
 /** Is it of now? A prediction ages as a value does. */
-export function isOfNow(course: Course, controller: Controller, now: number): boolean {
-  return now - course.made <= Math.max(1, PERIODS * (controller.period ?? course.step));
+export function isOfNow(trajectory: Trajectory, controller: Controller, now: number): boolean {
+  return now - trajectory.made <= Math.max(1, PERIODS * (controller.period ?? trajectory.step));
 }
 
 /** Of each signal what is expected of it, of now where that is what is shown. */
-export function expectedOf(courses: Course[], of: Predictor[], now: number | null): Map<Ref, Course> {
+export function expectedOf(trajectories: Trajectory[], of: Predictor[], now: number | null): Map<Ref, Trajectory> {
   const by = (ref: Ref): Controller | undefined => of.find(one => [...one.measured, ...one.moved].some(each => each.variable.ref === ref))?.controller;
-  return new Map(courses.flatMap(course => {
-    const controller = by(course.ref);
-    return controller && (now == null || isOfNow(course, controller, now)) ? [[course.ref, course]] : [];
+  return new Map(trajectories.flatMap(trajectory => {
+    const controller = by(trajectory.ref);
+    return controller && (now == null || isOfNow(trajectory, controller, now)) ? [[trajectory.ref, trajectory]] : [];
   }));
 }
 
 /** From what is now on; a plan holds each of its moves. */
-export function courseSeries(course: Course): Series {
-  const t = course.expected.map((_, k) => course.made + course.first + k * course.step);
-  return {t, low: [...course.expected], high: [...course.expected], mid: [...course.expected]};
+export function trajectorySeries(trajectory: Trajectory): Series {
+  const t = trajectory.expected.map((_, k) => trajectory.made + trajectory.first + k * trajectory.step);
+  return {t, low: [...trajectory.expected], high: [...trajectory.expected], mid: [...trajectory.expected]};
 }
 
-/** How far a set of courses reaches, s; 0: there is none. */
-export function horizon(courses: Course[]): number {
-  return Math.max(0, ...courses.map(one => one.first + one.step * Math.max(0, one.expected.length - 1)));
+/** How far a set of trajectories reaches, s; 0: there is none. */
+export function horizon(trajectories: Trajectory[]): number {
+  return Math.max(0, ...trajectories.map(one => one.first + one.step * Math.max(0, one.expected.length - 1)));
 }
 
 /** What is expected at some of its times, as a table: at most so many rows. */
-export function courseRows(courses: Course[], most: number): {head: number[]; rows: {name: string; values: (number | null)[]}[]} {
-  const longest = courses.reduce<Course | null>((a, b) => (!a || b.expected.length > a.expected.length ? b : a), null);
+export function trajectoryRows(trajectories: Trajectory[], most: number): {head: number[]; rows: {name: string; values: (number | null)[]}[]} {
+  const longest = trajectories.reduce<Trajectory | null>((a, b) => (!a || b.expected.length > a.expected.length ? b : a), null);
   if (!longest) return {head: [], rows: []};
   const n = longest.expected.length;
   const every = Math.max(1, Math.ceil(n / most));
   const at = Array.from({length: Math.ceil(n / every)}, (_, i) => i * every);
-  return {head: at.map(k => longest.first + k * longest.step), rows: courses.map(one => ({name: one.name, values: at.map(k => one.expected[k] ?? null)}))};
+  return {head: at.map(k => longest.first + k * longest.step), rows: trajectories.map(one => ({name: one.name, values: at.map(k => one.expected[k] ?? null)}))};
 }
 
-export function horizonWords(course: Course): string {
-  return tr("plan.horizon", {n: course.expected.length, time: duration(course.step)});
+export function horizonWords(trajectory: Trajectory): string {
+  return tr("plan.horizon", {n: trajectory.expected.length, time: duration(trajectory.step)});
 }

@@ -197,7 +197,7 @@ export interface Kpi {
   service: number | null; // share of the time, 0 to 1
 }
 
-export interface Course {
+export interface Trajectory {
   ref: Ref;
   name: string;
   made: number;

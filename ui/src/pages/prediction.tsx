@@ -7,13 +7,13 @@ import {Curve} from "../core/curve";
 import {duration, exact, limitsText, missing, number, when} from "../core/format";
 import {holds} from "../core/history";
 import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
-import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/prediction";
+import {trajectoryRows, trajectorySeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/prediction";
 import {nameOf, pensAbout} from "../core/pens";
 import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";
 import {empty, held, type Series, visible} from "../core/series";
 import {padded, titles} from "../core/trend";
-import type {Course, Kpi, Plant, Ref} from "../core/types";
+import type {Trajectory, Kpi, Plant, Ref} from "../core/types";
 import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
 import {LoopLink} from "../faceplate";
@@ -48,13 +48,13 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   const {controller, measured, moved, disturbances, states} = of;
   const [table, setTable] = useState(false);
   const now = useCell(second);
-  const {answer, error} = useAnswer(() => get<{predictions: Course[]}>("/api/predictions"), [Math.floor(now / AGAIN)]);
+  const {answer, error} = useAnswer(() => get<{predictions: Trajectory[]}>("/api/predictions"), [Math.floor(now / AGAIN)]);
   const {answer: worth} = useAnswer(() => get<{loops: Kpi[]}>("/api/kpis"), [Math.floor(now / WORTH)]);
   const mine = new Set([...measured, ...moved].map(one => one.variable.ref));
-  const said = (answer?.predictions ?? []).filter(course => mine.has(course.ref));
-  const courses = said.filter(course => isOfNow(course, controller, serverNow()));
-  const newest = Math.max(0, ...said.map(course => course.made));
-  const rows = courseRows(courses, STEPS);
+  const said = (answer?.predictions ?? []).filter(trajectory => mine.has(trajectory.ref));
+  const trajectories = said.filter(trajectory => isOfNow(trajectory, controller, serverNow()));
+  const newest = Math.max(0, ...said.map(trajectory => trajectory.made));
+  const rows = trajectoryRows(trajectories, STEPS);
   const signals = [...measured.map(one => one.variable), ...moved.map(one => one.variable), ...disturbances];
   return (
     <section class="prediction">
@@ -69,14 +69,14 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
           </label>
         )}
         <span class="say" role="status">
-          {answer == null ? tr("common.loading") : courses[0] ? tr("prediction.plan", {controller: controller.name, horizon: horizonWords(courses[0])}) : newest > 0 ? tr("prediction.noPlanSince", {controller: controller.name, time: when(newest)}) : tr("prediction.noPlan", {controller: controller.name})}
+          {answer == null ? tr("common.loading") : trajectories[0] ? tr("prediction.plan", {controller: controller.name, horizon: horizonWords(trajectories[0])}) : newest > 0 ? tr("prediction.noPlanSince", {controller: controller.name, time: when(newest)}) : tr("prediction.noPlan", {controller: controller.name})}
         </span>
         <span class="spring" />
         <a class="button" href={path("trend", pensAbout(signals.slice(0, 12).map(one => nameOf(one, p.variables)), {live: true, span: 600, to: 0}))}>{tr("prediction.trend")}</a>
         {measured.length + moved.length > 0 && <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>}
       </div>
       {error && <p class="complaint">{error}</p>}
-      {measured.length + moved.length > 0 && <Chart of={of} courses={courses} hidden={table} />}
+      {measured.length + moved.length > 0 && <Chart of={of} trajectories={trajectories} hidden={table} />}
       {table && (
         <Table
           caption={tr("prediction.caption", {time: newest > 0 ? when(newest, 1) : missing})}
@@ -85,8 +85,8 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
         />
       )}
       <div class="grid equal">
-        {measured.length > 0 && <HandledTable caption={tr("prediction.cv")} of={measured} courses={courses} setpoints />}
-        {moved.length > 0 && <HandledTable caption={tr("prediction.mv")} of={moved} courses={courses} kpis={worth?.loops ?? []} />}
+        {measured.length > 0 && <HandledTable caption={tr("prediction.cv")} of={measured} trajectories={trajectories} setpoints />}
+        {moved.length > 0 && <HandledTable caption={tr("prediction.mv")} of={moved} trajectories={trajectories} kpis={worth?.loops ?? []} />}
         {(disturbances.length > 0 || states.length > 0) && (
           <div class="panel">
             <table class="data cards">
@@ -111,7 +111,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
 }
 
 /** `kpis`: of outputs, which are in service or not; of measurements their setpoints. */
-function HandledTable({caption, of, courses, setpoints = false, kpis}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean; kpis?: Kpi[]}): JSX.Element {
+function HandledTable({caption, of, trajectories, setpoints = false, kpis}: {caption: string; of: Handled[]; trajectories: Trajectory[]; setpoints?: boolean; kpis?: Kpi[]}): JSX.Element {
   return (
     <div class="panel span">
       <table class="data cards">
@@ -129,15 +129,15 @@ function HandledTable({caption, of, courses, setpoints = false, kpis}: {caption:
             {kpis && <th scope="col" class="number">{tr("prediction.lastDay")}</th>}
           </tr>
         </thead>
-        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} kpis={kpis} />)}</tbody>
+        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} trajectory={trajectories.find(trajectory => trajectory.ref === one.variable.ref) ?? null} setpoints={setpoints} kpis={kpis} />)}</tbody>
       </table>
     </div>
   );
 }
 
-function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints, kpis}: {of: Handled; course: Course | null; setpoints: boolean; kpis: Kpi[] | undefined}): JSX.Element {
+function HandledRow({of: {variable: one, setpoint, loop, target, limit}, trajectory, setpoints, kpis}: {of: Handled; trajectory: Trajectory | null; setpoints: boolean; kpis: Kpi[] | undefined}): JSX.Element {
   const share = kpis?.find(kpi => kpi.id === loop?.id)?.service;
-  const end = course?.expected[course.expected.length - 1] ?? null;
+  const end = trajectory?.expected[trajectory.expected.length - 1] ?? null;
   return (
     <tr>
       <th scope="row">{loop ? <LoopLink loop={loop}><Tag name={one.name} /></LoopLink> : <Tag name={one.name} />}</th>
@@ -177,7 +177,7 @@ const LEAST_PAST = 30; // s
 const COLOURS = 6;
 
 /** What was, up to now, and right of it, dashed, what is expected. */
-function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden: boolean}): JSX.Element {
+function Chart({of, trajectories, hidden}: {of: Predictor; trajectories: Trajectory[]; hidden: boolean}): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
   const chart = useRef<TrendChart | null>(null);
   const filled = useCell(refill);
@@ -188,7 +188,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   const refs = useMemo(() => panels.map(panel => [...panel.map(one => one.variable.ref), ...panel.flatMap(one => one.setpoint ?? [])]), []);
   const curves = useMemo(() => new Map(refs.flat().flatMap(ref => { const one = variable(ref); return one ? [[ref, new Curve(one)]] : []; }) as [Ref, Curve][]), []);
   const ahead = useRef(0);
-  ahead.current = Math.max(ahead.current, horizon(courses));
+  ahead.current = Math.max(ahead.current, horizon(trajectories));
   const past = ahead.current > 0 ? Math.max(LEAST_PAST, PAST * ahead.current) : RECENT;
   const kept = useRef(past);
   kept.current = past;
@@ -199,9 +199,9 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
     const curve = curves.get(ref);
     return !curve ? empty() : holds(curve.variable) && curve.variable.period == null ? held(curve.series, serverNow()) : curve.series;
   };
-  const newest = useRef(courses);
-  newest.current = courses;
-  const coming = (ref: Ref): Series => { const course = newest.current.find(one => one.ref === ref); return course ? courseSeries(course) : empty(); };
+  const newest = useRef(trajectories);
+  newest.current = trajectories;
+  const coming = (ref: Ref): Series => { const trajectory = newest.current.find(one => one.ref === ref); return trajectory ? trajectorySeries(trajectory) : empty(); };
   const pens = useMemo(() => panels.map((panel, k): DrawnPen[] => [
     ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], step: holds(one.variable), curve: () => drawn(one.variable.ref)})),
     ...panel.flatMap(({setpoint}, i) => (setpoint ? [{label: variable(setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], step: true, curve: () => drawn(setpoint)}] : [])),

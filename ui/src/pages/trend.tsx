@@ -19,7 +19,7 @@ import {Table} from "../parts/table";
 import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
 import {alarms, control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
-import {courseRows, courseSeries, expectedOf, horizon, predictors} from "../core/prediction";
+import {trajectoryRows, trajectorySeries, expectedOf, horizon, predictors} from "../core/prediction";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
@@ -28,7 +28,7 @@ import {type Column, Curves, describe, off, padded, refsIn, type Subject, subjec
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
 import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, pinch, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
-import type {Course, Plant, PlantEvent, Ref, Variable} from "../core/types";
+import type {Trajectory, Plant, PlantEvent, Ref, Variable} from "../core/types";
 import {useAnswer} from "../useanswer";
 import {isNarrow, useWidth} from "../usewidth";
 import {inEnglish, tr} from "../core/texts";
@@ -116,7 +116,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const predicting = useMemo(() => predictors(p), [p]);
   const now = useCell(win.ahead && win.live ? second : still);
   const plan = win.live ? Math.floor(now / PLAN) : win.to;
-  const {answer: planned} = useAnswer(() => (win.ahead ? get<{predictions: Course[]}>("/api/predictions", {at: win.live ? null : win.to}) : Promise.resolve({predictions: []})), [win.ahead, plan]);
+  const {answer: planned} = useAnswer(() => (win.ahead ? get<{predictions: Trajectory[]}>("/api/predictions", {at: win.live ? null : win.to}) : Promise.resolve({predictions: []})), [win.ahead, plan]);
   const expected = win.ahead ? expectedOf(planned?.predictions ?? [], predicting, win.live ? serverNow() : null) : noPlans;
   const {answer: starts} = useAnswer(() => (p.start == null ? Promise.resolve({events: []}) : get<{events: PlantEvent[]}>("/api/events", {kind: "start", since: p.start - RUNS_BACK, last: 500})), [p.start]);
   const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: tr("trend.run", {time: stamp(t)})}));
@@ -172,7 +172,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   // The plots live as long as the subject is shown.
   useEffect(() => {
     const element = host.current as HTMLDivElement;
-    const expectedNow = (ref: Ref): Series => { const course = state.current.expected.get(ref); return course ? courseSeries(course) : empty(); };
+    const expectedNow = (ref: Ref): Series => { const trajectory = state.current.expected.get(ref); return trajectory ? trajectorySeries(trajectory) : empty(); };
     const drawn = subject.panels.map(({pens: ones}) => {
       const variables = ones.map(pen => variable(pen.ref));
       const before = earlier ? ones.map(pen => ({...pen, dash: BEFORE, curve: () => shifted(earlier.series(pen.ref), compare)})) : [];
@@ -330,7 +330,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     return [tr("trend.time"), ...own, ...(earlier ? own.map(signal => tr("trend.labelBefore", {signal, time: duration(compare)})) : [])];
   };
   const head = heads();
-  const coming = courseRows([...expected.values()].filter(course => refs.includes(course.ref)), STEPS);
+  const coming = trajectoryRows([...expected.values()].filter(trajectory => refs.includes(trajectory.ref)), STEPS);
   const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
   const exportCsv = (): void => downloadText(`${name}.csv`, csv([inEnglish(heads), ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
@@ -434,7 +434,7 @@ const COMING = [8, 4];
 const RUNS_BACK = 31 * 86400; // s
 const PLAN = 2; // s between two questions for what is expected
 const still = new Cell(0);
-const noPlans: ReadonlyMap<Ref, Course> = new Map();
+const noPlans: ReadonlyMap<Ref, Trajectory> = new Map();
 
 /** What a window may be compared with; what a link says as well. */
 function earlierOf(span: number, compare: number, runs: {name: string; by: number}[]): {name: string; by: number}[] {
@@ -493,7 +493,7 @@ interface ReadoutProps {
   clear: () => void;
   marks: () => Mark[];
   reach: number; // s
-  expected: ReadonlyMap<Ref, Course>;
+  expected: ReadonlyMap<Ref, Trajectory>;
   edge: () => number; // where what was ends and what is expected begins
 }
 
@@ -503,8 +503,8 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
   const coming = t != null && t > edge();
   const at = (ref: Ref, when: number): number | null => {
     if (when <= edge()) return curves.at(ref, when);
-    const course = expected.get(ref);
-    return course && when <= course.made + horizon([course]) ? valueAt(courseSeries(course), when) : null;
+    const trajectory = expected.get(ref);
+    return trajectory && when <= trajectory.made + horizon([trajectory]) ? valueAt(trajectorySeries(trajectory), when) : null;
   };
   const difference = (ref: Ref): string => {
     const [a, b] = [reference == null ? null : at(ref, reference), t == null ? live(ref).value.value : at(ref, t)];
