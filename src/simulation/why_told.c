@@ -52,14 +52,28 @@ static bool begins_with(const char *text, const struct apc_tag *tag)
     return n > 0 && strncmp(text, tag->name, n) == 0 && (text[n] == ':' || text[n] == ' ' || text[n] == '.');
 }
 
+/* "mode: Auto -> Man" of all loops, "base mode: ..." of those of a controller. */
+static bool is_of_modes(const struct replay *r, const char *text)
+{
+    bool is = strncmp(text, "mode: ", 6) == 0;
+    for (size_t i = 0; i < r->e.n_controllers && !is; i++) {
+        const size_t n = strlen(r->e.controllers[i].name);
+        is = strncmp(text, r->e.controllers[i].name, n) == 0 && strncmp(text + n, " mode: ", 7) == 0;
+    }
+    return is;
+}
+
 /* An output that is moved by hand is called as the output is, or as the variable that it is written to. */
-static bool is_of_cause(const char *kind, const char *text, const struct why_cause *cause)
+static bool is_of_cause(const struct replay *r, const char *kind, const char *text,
+                        const struct why_cause *cause)
 {
     return strcmp(kind, "operator") == 0 &&
-           (begins_with(text, cause->tag) || begins_with(text, cause->moves));
+           (begins_with(text, cause->tag) || begins_with(text, cause->moves) ||
+            (cause->kind == WHY_MODE && is_of_modes(r, text)));
 }
 
 struct author_search {
+    const struct replay *replay;
     const struct why_cause *cause;
     struct why_author *author;
 };
@@ -67,7 +81,7 @@ struct author_search {
 static int take_author(void *ctx, const struct apc_event *event)
 {
     const struct author_search *s = ctx;
-    if (!is_of_cause(event->kind, event->text, s->cause))
+    if (!is_of_cause(s->replay, event->kind, event->text, s->cause))
         return 0;
     snprintf(s->author->source, sizeof s->author->source, "%s", event->source);
     snprintf(s->author->text, sizeof s->author->text, "%s", event->text);
@@ -75,12 +89,13 @@ static int take_author(void *ctx, const struct apc_event *event)
 }
 
 /* The row itself says who; the event, where there is one at its time, says why too. */
-static int find_author_in_store(struct apc_store *store, const struct why_cause *cause,
+static int find_author_in_store(const struct why_question *q, const struct why_cause *cause,
                                 struct why_author *author, struct apc_error *why)
 {
+    struct apc_store *store = q->store;
     const struct apc_range range = {.since = cause->row->time - APC_NS_PER_US,
                                     .until = cause->row->time + APC_NS_PER_US};
-    struct author_search search = {cause, author};
+    struct author_search search = {q->replay, cause, author};
     char name[APC_AUTHOR_LEN] = "";
     const int rc = apc_store_events(store, &range, take_author, &search);
     if (rc < 0)
@@ -103,8 +118,8 @@ static int find_author_in_folder(const struct why_question *q, const struct why_
     while (!author->source[0] && csv_expect(csv, "time,severity,source,kind,text", why) == 0 &&
            (rc = csv_next(csv, why)) > 0) {
         double t;
-        if (!is_of_cause(csv_text(csv, 3), csv_text(csv, 4), cause) || csv_number(csv, 0, &t, why) < 0 ||
-            fabs(t - at) > 1e-6)
+        if (!is_of_cause(q->replay, csv_text(csv, 3), csv_text(csv, 4), cause) ||
+            csv_number(csv, 0, &t, why) < 0 || fabs(t - at) > 1e-6)
             continue;
         snprintf(author->source, sizeof author->source, "%s", csv_text(csv, 2));
         snprintf(author->text, sizeof author->text, "%s", csv_text(csv, 4));
@@ -119,7 +134,7 @@ int why_find_author(const struct why_question *q, const struct why_cause *cause,
     *author = (struct why_author){{0}, {0}};
     if (!cause->row || !cause->tag)
         return 0;
-    return q->store ? find_author_in_store(q->store, cause, author, why)
+    return q->store ? find_author_in_store(q, cause, author, why)
                     : find_author_in_folder(q, cause, author, why);
 }
 

@@ -136,6 +136,7 @@ void cli_find_store(struct cli *cli)
         const int rc = runstore_uri(cli->store, uri, &why);
         if (rc < 0)
             exit(cli_error(cli, rc, "--store: %s", why.text));
+        cli->folder = cli->store;
         cli->store = uri;
     }
     const size_t live = apc_store_live(cli->store);

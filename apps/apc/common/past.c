@@ -8,22 +8,39 @@
 #include "experiment/experiment.h"
 #include "print.h"
 
-/* Of the store of a run's folder, seconds since the start of the run. */
+/* Of a run's folder, or of the store that lies there, seconds since the start of the run. */
 static bool run_time(const struct cli *cli, const char *at, apc_ns *time)
 {
-    char dir[RUNSTORE_LEN], file[RUNSTORE_LEN + 16];
+    char own[RUNSTORE_LEN], file[RUNSTORE_LEN + 16];
+    const char *dir = cli->folder ? cli->folder : own;
     struct record record;
     struct apc_error why;
     apc_ns since;
     double seconds;
-    if (!at || !cli->store || apc_number_parse(at, &seconds) < 0 || seconds < 0 ||
-        apc_ns_from_s(seconds, &since) < 0 || runstore_folder(cli->store, dir) < 0)
+    if (!cli->store || apc_number_parse(at, &seconds) < 0 || seconds < 0 ||
+        apc_ns_from_s(seconds, &since) < 0 || (!cli->folder && runstore_folder(cli->store, own) < 0))
         return false;
-    snprintf(file, sizeof file, "%s/run.conf", dir);
+    snprintf(file, sizeof file, "%.1180s/run.conf", dir);
     const bool found = record_read(&record, file, &why) == 0 && record.start > 0;
     *time = record.start + since;
     record_free(&record);
     return found;
+}
+
+bool past_time(const struct cli *cli, const char *at, apc_ns *time)
+{
+    return run_time(cli, at, time) || cli_when(at, time);
+}
+
+int past_usage(const struct cli *cli, const char *option, const char *at)
+{
+    double seconds;
+    return apc_number_parse(at, &seconds) == 0 && seconds >= 0
+               ? cli_usage(cli,
+                           "--%s \"%s\": seconds since the start of a run are of its folder: --store FOLDER; "
+                           "before now, -%s",
+                           option, at, at)
+               : cli_time(cli, option, at, &(apc_ns){0});
 }
 
 int past_open(const struct cli *cli, const char *at, struct past *past)
@@ -31,8 +48,8 @@ int past_open(const struct cli *cli, const char *at, struct past *past)
     struct apc_error why;
     apc_ns time = 0;
     *past = (struct past){.is = at};
-    if (!run_time(cli, at, &time) && cli_time(cli, "at", at, &time) != EXIT_OK)
-        exit(EXIT_USAGE);
+    if (at && !past_time(cli, at, &time))
+        exit(past_usage(cli, "at", at));
     int rc = cli_open(cli, &past->present);
     past->store = past->present;
     if (rc >= 0 && at && (rc = apc_store_past(&past->store, past->present, time, &why)) < 0)

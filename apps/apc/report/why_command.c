@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "apc/common/cli.h"
+#include "apc/common/past.h"
 #include "apc/common/print.h"
 #include "files/files.h"
 
@@ -213,8 +213,12 @@ static int put_why(const struct why_question *q, const struct why *w, FILE *out,
         if (author.source[0]) {
             fprintf(out, "%s  ", replay_time(q->replay, w->cause[i].row->time, time));
             print_clean(out, author.source);
-            fputs(author.text[0] ? ": " : "", out);
+            fputs(": ", out);
             print_clean(out, author.text);
+            if (!author.text[0]) { /* no event says more than the row */
+                print_clean(out, why_cause_name(w, &w->cause[i]));
+                fprintf(out, " = %s", value_text(&w->cause[i], w->cause[i].row->value, APC_GOOD, before));
+            }
             putc('\n', out);
         }
     }
@@ -276,12 +280,12 @@ static int parse_output(struct why_command *c)
     if (!at)
         return 0;
     if (c->cli.n_args < 2)
-        return cli_when(at + 1, &c->question.at)
+        return past_time(&c->cli, at + 1, &c->question.at)
                    ? EXIT_OK
                    : cli_usage(
                          &c->cli,
                          "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, or before now, as 30s, "
-                         "10m, 2h, 1d; in a run folder: apc why RUN %s",
+                         "10m, 2h, 1d; of a run's folder also seconds: apc why RUN %s",
                          text, at + 1, text);
     if (apc_number_parse(at + 1, &t) == 0 && apc_ns_from_s(t, &c->question.at) == 0) {
         c->question.at += c->replay.start;

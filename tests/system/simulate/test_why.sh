@@ -99,10 +99,23 @@ for answer in folder, store:
 assert folder == store
 END
   grep -q '^20.*  .*: r: 5 -> 8$' store.txt || fail "who wrote it is not told: $(cat store.txt)"
+  # A second of the run is the same instant of its store, wherever that is.
+  # Promise(run/at-time-shows)
+  "$apc" why "u@$at" --over 0.3 --store "$folder" >second.txt || fail "$folder: a second of a run is no time"
+  cmp store.txt second.txt || fail "$folder: another answer of a second: $(cat second.txt)"
+  [ "$("$apc" get y --store "$folder" --at "$at")" = "$("$apc" get y --store "$folder" --at "$utc")" ] || fail "$folder: get: another second"
+  expect 2 'are of its folder: --store FOLDER; before now, -12.5' "$apc" get y --store "$store" --at 12.5
+  expect 2 "of a run's folder also seconds" "$apc" why u@12.5 --store "$store"
 }
 database=$APC_STORE
 unset APC_STORE
 told behind "sqlite:$work/history.db" --history "sqlite:$work/history.db"
+# An event that is not there any more takes nothing from what its row says.
+# Promise(simulation/why-who)
+cp history.db eventless.db
+sqlite3 eventless.db "DELETE FROM event WHERE kind = 'operator'"
+"$apc" why "u@$utc" --over 0.3 --store "sqlite:$work/eventless.db" >eventless.txt
+grep -q '^20.*  .*: r = 8$' eventless.txt || fail "without its event a write is a name alone: $(cat eventless.txt)"
 refused 1 'there is no loop "v"' "v@$utc" --store "sqlite:$work/history.db"
 refused 1 'no tick until then' u@2000-01-01 --store "sqlite:$work/history.db"
 refused 2 'must be a time, as 2026-01-31T12:00:00Z' u@noon --store "sqlite:$work/history.db"
