@@ -316,6 +316,15 @@ struct experiment_source {
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
                      const struct experiment_overrides *overrides, struct apc_error *why);
 
+/* The text that a store has of it, to be freed in either case; *revision 0: none. Returns its length or an error. */
+int experiment_text(struct apc_store *store, char **text, int64_t *revision, struct apc_error *why);
+/* APC_EPERM where a law or the plant is the user's own, which not everybody may have run: "..., so @instead". */
+int experiment_refuse_own(const struct experiment_source *from, const char *instead, struct apc_error *why);
+/* How the variables were described as of @past, an apc_store_past() of @now: *tags [*n] to be freed; NULL: as they
+ * are now. @refusal: as of experiment_refuse_own(); NULL: whatever law it is. Returns 0 or an error. */
+int experiment_tags_then(struct apc_store *past, struct apc_store *now, const char *refusal,
+                         struct apc_tag **tags, size_t *n, struct apc_error *why);
+
 /*
  * The text of an experiment file with the setting at @path changed or added: *changed, to be freed. @path
  * goes through groups by their members, through lists by `name` or [INDEX], and from a controller to the

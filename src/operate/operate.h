@@ -374,6 +374,23 @@ int operation_poll(struct operation *o, struct apc_store *store);
  * written as things stand; "store".
  */
 int operation_undo(struct operation *o, struct apc_store *store, apc_ns only, struct change_fault *why);
+/* What people had set at an instant, by the store as it stood then. */
+struct retake {
+    struct apc_store *past;
+    const struct apc_tag *tag; /* [n] as variables were described then; NULL: as they are now */
+    size_t n;
+    const char *const *name; /* [n_names] of loops, controllers or variables; none: all */
+    size_t n_names;
+};
+/*
+ * Fill in what makes tuning, modes, and setpoints that people moved then, what they were: change [n], to be freed,
+ * of those that differ; n is 0 where none does. What the scheduler or a loop above moved then becomes theirs again;
+ * outputs stay as they are. Each is for what was newest when it was looked at. Returns 0, or an error: "variable",
+ * it is gone, or there is none of that name; "value", "limits", "mode": it has no certain value then, or cannot be
+ * written as things stand; "store".
+ */
+int operation_retake(struct operation *o, struct apc_store *store, const struct retake *of,
+                     struct change_fault *why);
 /* For who can wait: until something happens, for as long at most. Returns 0 or the store's error. */
 int operation_wait(const struct operation *o, struct apc_store *store, apc_ns most);
 /* Of the one at place @p i, as change_finish(). */

@@ -13,16 +13,9 @@
 static int parse_alarm_catalogue(struct experiment *e, struct apc_store *store, int64_t *revision,
                                  struct apc_error *why)
 {
-    int rc = apc_store_catalogue(store, NULL, 0, revision);
-    if (rc < 0)
-        return apc_fail(why, rc, "%s", apc_store_error(store));
-    char *text = calloc((size_t)rc + 1, 1);
-    if (!text)
-        return apc_fail(why, APC_ENOMEM, "out of memory");
-    rc = apc_store_catalogue(store, text, (size_t)rc + 1, revision);
-    if (rc < 0)
-        rc = apc_fail(why, rc, "%s", apc_store_error(store));
-    else if (rc > 0)
+    char *text;
+    int rc = experiment_text(store, &text, revision, why);
+    if (rc > 0)
         rc =
             experiment_parse(e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL, why);
     free(text);

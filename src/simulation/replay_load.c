@@ -106,43 +106,17 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
 
 /* ---- A part of a store's record --------------------------------------------------------------- */
 
-static bool is_of_user(const char *plugin)
-{
-    return strchr(plugin, '/') || is_fmu(plugin);
-}
-
-/* What is described in a store may name programs of the user's, which not everybody may have run. */
-static int refuse_of_user(const struct experiment_source *from, struct apc_error *why)
-{
-    struct experiment e;
-    int rc = experiment_parse(&e, from, 0, NULL, why);
-    if (rc < 0)
-        return rc;
-    const char *own = is_of_user(e.plant.name) ? e.plant.name : NULL;
-    for (size_t i = 0; i < e.n_controllers; i++)
-        if (is_of_user(e.controllers[i].law_name))
-            own = e.controllers[i].law_name;
-    if (own)
-        rc = apc_fail(why, APC_EPERM,
-                      "%s is not built in, so it is explained on the command line only: apc why", own);
-    experiment_free(&e);
-    return rc;
-}
-
 static int parse_catalogue(struct replay *r, struct apc_store *store, bool built_in, struct apc_error *why)
 {
     int64_t revision;
-    int length = apc_store_catalogue(store, NULL, 0, &revision);
-    char *text = length < 0 ? NULL : calloc((size_t)length + 1, 1);
-    if (text)
-        length = apc_store_catalogue(store, text, (size_t)length + 1, &revision);
+    char *text;
+    int rc = experiment_text(store, &text, &revision, why);
     const struct experiment_source from = {.file = "the store's experiment", .text = text};
-    int rc = length < 0      ? apc_fail(why, length, "%s", apc_store_error(store))
-             : !text         ? apc_fail(why, APC_ENOMEM, "out of memory")
-             : revision == 0 ? apc_fail(why, APC_ENOTFOUND,
-                                        "the store does not say which experiment it is: apc init FILE")
-             : built_in      ? refuse_of_user(&from, why)
-                             : 0;
+    rc = rc < 0 ? rc
+         : revision == 0
+             ? apc_fail(why, APC_ENOTFOUND, "the store does not say which experiment it is: apc init FILE")
+         : built_in ? experiment_refuse_own(&from, "it is explained on the command line only: apc why", why)
+                    : 0;
     if (rc == 0)
         rc = experiment_parse(&r->e, &from, EXPERIMENT_LAW, NULL, why);
     free(text);

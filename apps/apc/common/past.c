@@ -43,17 +43,17 @@ int past_usage(const struct cli *cli, const char *option, const char *at)
                : cli_time(cli, option, at, &(apc_ns){0});
 }
 
-int past_open(const struct cli *cli, const char *at, struct past *past)
+int past_open(const struct cli *cli, const char *option, const char *at, struct past *past)
 {
     struct apc_error why;
     apc_ns time = 0;
     *past = (struct past){.is = at};
     if (at && !past_time(cli, at, &time))
-        exit(past_usage(cli, "at", at));
+        exit(past_usage(cli, option, at));
     int rc = cli_open(cli, &past->present);
     past->store = past->present;
     if (rc >= 0 && at && (rc = apc_store_past(&past->store, past->present, time, &why)) < 0)
-        cli_error(cli, rc, "--at: %s", why.text);
+        cli_error(cli, rc, "--%s: %s", option, why.text);
     return rc;
 }
 

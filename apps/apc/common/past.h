@@ -23,11 +23,11 @@ struct past {
 
 /* What --at means: a time, or before now; of a run's folder, and of the store in it, also seconds since its start. */
 bool past_time(const struct cli *cli, const char *at, apc_ns *time);
-/* It is no such time: says so of --@p option. Returns EXIT_USAGE. */
+/* It is no such time: says so of --@option. Returns EXIT_USAGE. */
 int past_usage(const struct cli *cli, const char *option, const char *at);
 
-/* As cli_open(); a usage error where @at is no time. @at NULL: the store as it is now. past_close() in either case. */
-int past_open(const struct cli *cli, const char *at, struct past *past);
+/* As cli_open(); a usage error where @at, of --@option, is no time. @at NULL: the store as it is now. past_close() in either case. */
+int past_open(const struct cli *cli, const char *option, const char *at, struct past *past);
 void past_close(struct past *past);
 
 /* For people, and beside CSV: of when it is. Nothing where that is now. */

@@ -468,7 +468,7 @@ int command_alarm(int argc, char **argv)
     int rc = check_request(&s);
     if (rc != EXIT_OK)
         return rc;
-    rc = exit_code_of(past_open(&s.cli, s.options.at, &s.past));
+    rc = exit_code_of(past_open(&s.cli, "at", s.options.at, &s.past));
     s.store = s.past.store;
     if (rc == EXIT_OK && (rc = alarm_summary_open(&s.summary, s.store, &why)) < 0)
         rc = rc == APC_ECONN ? cli_store_error(&s.cli, rc, s.store) : cli_error(&s.cli, rc, "%s", why.text);

@@ -453,7 +453,7 @@ int command_status(int argc, char **argv)
             cli_error(&cli, 0, "%s is damaged: what can be read of it is counted, and apc drain stores it",
                       status.spools.path[i]);
     }
-    int rc = past_open(&cli, wish.at, &past);
+    int rc = past_open(&cli, "at", wish.at, &past);
     if (rc == 0)
         rc = load_status(&cli, &past, &status);
     if (rc < 0 && past.is)

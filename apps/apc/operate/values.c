@@ -6,6 +6,7 @@
 
 #include "apc/common/past.h"
 #include "apc/common/print.h"
+#include "experiment/experiment.h"
 #include "operate.h"
 #include "status_loops.h"
 
@@ -112,7 +113,7 @@ int command_get(int argc, char **argv)
     int n = 0;
 
     cli_parse(&cli, &get_spec, &options, argc, argv);
-    int rc = past_open(&cli, options.at, &past);
+    int rc = past_open(&cli, "at", options.at, &past);
     if (rc == 0)
         rc = cli_plant_load(&cli, past.store, &plant);
     if (rc == 0)
@@ -147,9 +148,21 @@ out:
 /* ---- set ---------------------------------------------------------------------------------- */
 
 struct set_options {
-    bool confirm, stop;
-    double over; /* 0: at once */
+    bool confirm, stop, apply;
+    double over;      /* 0: at once */
+    const char *from; /* NULL: the values are arguments */
 };
+
+static void check_set_options(void *input, const struct argp_state *state)
+{
+    const struct set_options *own = input;
+    if (own->stop && own->over > 0)
+        argp_error(state, "--stop ends a ramp, and --over begins one");
+    if (own->from && (own->stop || own->over > 0))
+        argp_error(state, "--from takes values at once: without --over and --stop");
+    if (own->apply && !own->from)
+        argp_error(state, "--apply goes with --from TIME");
+}
 
 static const struct option_spec set_options[] = {
     {"confirm", 'c', NULL,
@@ -160,11 +173,17 @@ static const struct option_spec set_options[] = {
      .must = "be seconds, above 0 up to 31622400"},
     {"stop", 0, NULL, "End the ramp of each VARIABLE where it is; no VALUE is given then", OPTION_FLAG,
      .to = offsetof(struct set_options, stop)},
+    {"from", 0, "TIME",
+     "Take again what was set at TIME, a time as of `apc get --at`: show what differs, and with --apply "
+     "write it",
+     OPTION_TEXT, .to = offsetof(struct set_options, from)},
+    {"apply", 0, NULL, "Write what --from shows, as one change", OPTION_FLAG,
+     .to = offsetof(struct set_options, apply)},
     {0},
 };
 
 static const struct cli_spec set_spec = {
-    .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]\n--stop VARIABLE...",
+    .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]\n--stop VARIABLE...\n--from TIME [--apply] [NAME...]",
     .doc =
         "Write setpoints or, of loops in Man, outputs; several pairs in one transaction. A VARIABLE is a "
         "name "
@@ -173,11 +192,14 @@ static const struct cli_spec set_spec = {
         "it, and says what became of "
         "it: applied, superseded or refused; where no controller ticks, nothing is written. A ramp is moved "
         "by "
-        "the controller; it ends at its value, with a new write, and with --stop.",
+        "the controller; it ends at its value, with a new write, and with --stop. With --from, tuning, modes "
+        "and setpoints become what they were at TIME, of all or of the loops, controllers and variables "
+        "NAME; "
+        "outputs stay.",
     .takes = CLI_STORE | CLI_NEGATIVE | CLI_WRITES,
-    .min_args = 1,
     .max_args = -1,
     .options = set_options,
+    .check = check_set_options,
 };
 
 /* Why nobody sets what there is of that name; NULL: there is none. */
@@ -260,6 +282,79 @@ static int set_values(const struct cli *cli, struct apc_store *store, struct cha
     return rc;
 }
 
+/* ---- set --from --------------------------------------------------------------------------- */
+
+static int show_retaken(const struct operation *o)
+{
+    static const struct print_column columns[] = {
+        {"NAME", PRINT_LEFT}, {"NOW", PRINT_POINT}, {"THEN", PRINT_POINT}, {"", PRINT_LEFT}};
+    struct print_table table;
+    char text[CHANGE_TEXT];
+    print_table_open(&table, columns, 4);
+    for (size_t i = 0; i < o->n; i++) {
+        const struct change *c = &o->change[i];
+        const struct apc_tag *tag = plant_tag(o->plant, c->to.table, c->to.id);
+        struct apc_sample then = c->after;
+        then.seq = 1;
+        print_cell(&table, PRINT_PLAIN, "%s%s", c->to.name,
+                   c->to.table == APC_OPMODE && c->to.loop ? " mode" : "");
+        print_cell(&table, PRINT_PLAIN, "%s", change_text(&c->before, text));
+        print_cell(&table, PRINT_PLAIN, "%s", change_text(&then, text));
+        print_cell(&table, PRINT_FAINT, "%s", tag ? tag->unit : "");
+    }
+    return print_table_end(&table, stdout, cli_colour(), 0);
+}
+
+static int retake(const struct cli *cli, const struct past *past, const struct set_options *own,
+                  const struct plant_view *view, const struct retake *of)
+{
+    char note[APC_TIME_LEN + 16], time[APC_TIME_LEN];
+    struct operation o = {.plant = view, .note = note, .confirmed = own->confirm};
+    struct change_fault why;
+    int rc = EXIT_OK;
+    snprintf(note, sizeof note, " (as of %s)", apc_time_format(apc_store_now(past->store), time));
+    if (operation_retake(&o, past->present, of, &why) < 0)
+        rc = cli_error(cli, why.err, "%s: nothing was written", why.text);
+    else if (o.n == 0)
+        printf("nothing differs from what was set as of %s\n", time);
+    else if (own->apply)
+        rc = operate(cli, past->present, &o);
+    else if (show_retaken(&o) < 0)
+        rc = cli_error(cli, APC_ENOMEM, "out of memory");
+    else
+        puts("nothing was written: --apply writes it");
+    free(o.change);
+    return rc;
+}
+
+static int set_from(const struct cli *cli, const struct set_options *own)
+{
+    struct cli_plant plant = {0};
+    struct apc_tag *then = NULL;
+    struct apc_error why;
+    struct past past;
+    size_t n = 0;
+    int rc = exit_code_of(past_open(cli, "from", own->from, &past));
+    if (rc == EXIT_OK)
+        rc = cli_live(cli, past.present);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_plant_load(cli, past.present, &plant));
+    if (rc == EXIT_OK && (rc = experiment_tags_then(past.store, past.present, NULL, &then, &n, &why)) < 0)
+        rc = cli_error(cli, rc, "%s", why.text);
+    const struct plant_view view = operate_view(&plant);
+    const struct retake of = {.past = past.store,
+                              .tag = then,
+                              .n = n,
+                              .name = (const char *const *)cli->args,
+                              .n_names = (size_t)cli->n_args};
+    if (rc == EXIT_OK)
+        rc = retake(cli, &past, own, &view, &of);
+    free(then);
+    cli_plant_free(&plant);
+    past_close(&past);
+    return cli_done(cli, rc);
+}
+
 int command_set(int argc, char **argv)
 {
     struct apc_store *store = NULL;
@@ -267,8 +362,10 @@ int command_set(int argc, char **argv)
     struct cli cli;
 
     cli_parse(&cli, &set_spec, &own, argc, argv);
-    if (own.stop && own.over > 0)
-        return cli_usage(&cli, "--stop ends a ramp, and --over begins one");
+    if (own.from)
+        return set_from(&cli, &own);
+    if (cli.n_args == 0)
+        return cli_usage(&cli, "expected %s", own.stop ? "VARIABLE..." : "VARIABLE VALUE");
     if (!own.stop && cli.n_args % 2)
         return cli_usage(&cli, "\"%s\" has no value: each takes VARIABLE VALUE", cli.args[cli.n_args - 1]);
     size_t n = (size_t)cli.n_args / (own.stop ? 1 : 2);

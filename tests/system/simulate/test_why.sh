@@ -63,7 +63,7 @@ sed -i -e "/^scheduler/,/};/d" -e "/name = \"r\"/s/high = 100.0;/high = 100.0; i
 commands() { [ "$("$apc" history u --last 1000 --csv 2>/dev/null | wc -l)" -gt "$1" ]; }
 # told FOLDER STORE RUN-ARGUMENT...
 told() {
-  local folder=$1 store=$2 at n
+  local folder=$1 store=$2 at n then
   shift 2
   background run "$apc" run fast.conf --duration 0 --no-ui --out "$folder" "$@"
   local run=$pid
@@ -71,9 +71,24 @@ told() {
   export APC_STORE=$folder
   until_true 60 commands 20
   n=$("$apc" history u --last 1000 --csv | wc -l)
+  then=$(date -u +%FT%T.%6NZ)
   "$apc" set r 8 >/dev/null
   until_true 60 commands $((n + 5))
   "$apc" why u --json >now.json # while it runs
+  # What was set before is shown, and then written again.
+  # Promise(run/values-taken-again)
+  "$apc" tune Kp=0.3 >/dev/null
+  expect 0 '^r +8 +5' "$apc" set --from "$then"
+  expect 0 'nothing was written: --apply' "$apc" set --from "$then" r
+  expect 0 '^r: 8 -> 5 \(as of|^r: 8 -> 5 \(applied\)$' "$apc" set --from "$then" --apply
+  expect 0 '^Kp +0\.2 ' "$apc" tune
+  expect 0 "nothing differs from what was set as of $then" "$apc" set --from "$then"
+  expect 0 "r: 8 -> 5 \\(as of $then\\)" "$apc" history --events
+  expect 1 'nothing that people set is on record as of 2000' "$apc" set --from 2000-01-01
+  expect 1 'there is no loop or controller "v"' "$apc" set --from "$then" v
+  expect 1 'is in the future' "$apc" set --from 2100-01-01
+  expect 2 'without --over' "$apc" set --from "$then" --over 3
+  expect 2 'goes with --from' "$apc" set --apply r 3
   kill -INT "$run"
   wait "$run"
   at=$(awk -F, '/,setpoint,1,Good,8$/ { set = 1 } set && /,actuator,1,/ && ++n == 2 { print $1 + 0.001 }' "$folder/samples.csv")
