@@ -397,7 +397,7 @@ struct apc_event {
     enum apc_event_severity severity;
     char source[32]; /**< the program, or the operator's name */
     /** "start", "stop", "mode", "operator", "link", "store", "measurement", "rejected", "watchdog",
-     * "overrun", "clock", "alarm", "log", "handover" */
+     * "overrun", "clock", "alarm", "log", "handover", "health" */
     char kind[32];
     char text[192];
     int64_t number; /**< out: rises in the order in which they came to this store; from 1 */

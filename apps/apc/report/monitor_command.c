@@ -2,6 +2,7 @@
 /* apc monitor: which loops need somebody, and what is wrong with them. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "apc/common/cli.h"
 #include "apc/common/print.h"
@@ -9,7 +10,7 @@
 #include "experiment/experiment.h"
 
 struct monitor_options {
-    bool json;
+    bool json, tell;
     const char *from, *to;
     double horizon; /* s; 0: as health_series has it */
 };
@@ -26,6 +27,11 @@ static const struct option_spec own_options[] = {
      "How far the least variance looks ahead; of a loop's dead time and a period more it is the Harris "
      "index; default: 10 periods",
      OPTION_NUMBER, AT(horizon), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
+    {"tell", 0, NULL,
+     "Write an event of kind \"health\" into --store for each loop whose health is another than the last one "
+     "told "
+     "within 30 days; apc-monitor@.timer does so every night",
+     OPTION_FLAG, AT(tell)},
     {0},
 };
 
@@ -141,6 +147,67 @@ static void show_json(const struct kpis *m)
     json_add(&t, "\n]}\n");
 }
 
+/* ---- For who looks at events --------------------------------------------------------------- */
+
+#define TELL_AGAIN (30 * 86400 * APC_NS_PER_S)
+
+struct told {
+    const struct kpis *m;
+    enum health_verdict *last; /* [n_loops] 0: nothing */
+};
+
+/* "u: valve: the valve sticks ..." */
+static void name_health(const struct kpis_loop *l, enum health_verdict verdict, char *text, size_t size)
+{
+    snprintf(text, size, "%.63s: %s: %s", l->name, health_name(verdict), health_words(verdict));
+}
+
+static int take_told(void *ctx, const struct apc_event *event)
+{
+    struct told *t = ctx;
+    char text[sizeof event->text];
+    for (size_t i = 0; i < t->m->n_loops && !strcmp(event->kind, "health"); i++)
+        for (enum health_verdict v = HEALTH_SENSOR; v <= HEALTH_GOOD; v++) {
+            name_health(&t->m->loop[i], v, text, sizeof text);
+            if (!strcmp(event->text, text))
+                t->last[i] = v;
+        }
+    return 0;
+}
+
+/* Of nothing told before, good is no news. */
+static int tell_changes(const struct told *t, struct apc_store *store, apc_ns now)
+{
+    int rc = 0;
+    for (size_t i = 0; i < t->m->n_loops && rc >= 0; i++) {
+        const enum health_verdict verdict = t->m->loop[i].health.verdict,
+                                  last = t->last[i] ? t->last[i] : HEALTH_GOOD;
+        struct apc_event event = {.time = now,
+                                  .severity = verdict < HEALTH_UNKNOWN ? APC_EVENT_WARNING : APC_EVENT_INFO,
+                                  .source = "apc-monitor",
+                                  .kind = "health"};
+        if (verdict == HEALTH_UNKNOWN || verdict == last)
+            continue;
+        name_health(&t->m->loop[i], verdict, event.text, sizeof event.text);
+        rc = apc_store_append_events(store, &event, 1);
+    }
+    return rc < 0 ? rc : 0;
+}
+
+static int tell_health(const struct cli *cli, struct apc_store *store, const struct kpis *m)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    const struct apc_range range = {.since = now - TELL_AGAIN};
+    struct told told = {m, calloc(m->n_loops + 1, sizeof *told.last)};
+    int rc = told.last ? apc_store_events(store, &range, take_told, &told) : APC_ENOMEM;
+    if (rc >= 0)
+        rc = tell_changes(&told, store, now);
+    free(told.last);
+    return rc == APC_ENOMEM ? cli_error(cli, rc, "out of memory")
+           : rc < 0         ? cli_store_error(cli, rc, store)
+                            : EXIT_OK;
+}
+
 /* ---- The command -------------------------------------------------------------------------- */
 
 static int monitor_run(const struct cli *cli, const struct monitor_options *o, struct kpis *m)
@@ -174,8 +241,11 @@ static int monitor_store(const struct cli *cli, const struct monitor_options *o,
     if (rc < 0)
         return exit_code_of(rc);
     rc = window_of_store(m, store, from, to, &o->horizon, &why);
+    int status = rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+    if (status == EXIT_OK && o->tell)
+        status = tell_health(cli, store, m);
     apc_store_close(store);
-    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+    return status;
 }
 
 int command_monitor(int argc, char **argv)
@@ -189,6 +259,8 @@ int command_monitor(int argc, char **argv)
         return cli_usage(&cli, "expected a run folder, or --store");
     if (cli.n_args > 0 && cli.store_given)
         return cli_usage(&cli, "a run folder or --store: which of the two?");
+    if (cli.n_args > 0 && options.tell)
+        return cli_usage(&cli, "--tell writes into --store: without a run folder");
     int status = cli.n_args == 0 ? monitor_store(&cli, &options, &kpis) : monitor_run(&cli, &options, &kpis);
     if (status == EXIT_OK && kpis.loop) {
         qsort(kpis.loop, kpis.n_loops, sizeof *kpis.loop, by_health);

@@ -27,6 +27,30 @@ judged well unknown --to 400
 "$apc" monitor sticks >said
 grep -qE '^u: the valve sticks .* friction of 0\.[12]' said || fail "no word of the valve: $(cat said)"
 
+# A valve that begins to stick is told once, and that it is well again.
+sed 's/at = 100.0/at = 4000.0/' sticks.conf >later.conf
+"$apc" simulate later.conf --report later >/dev/null
+"$apc" init --store sqlite:later.db later.conf >/dev/null
+"$APC_BUILD_DIR/tests/recorded" later sqlite:later.db
+tell() { "$apc" monitor --store sqlite:later.db --tell "$@" >said; }
+told() { "$apc" history --events --store sqlite:later.db --last 100 --csv | grep '"apc-monitor","health"' | cut -d, -f2,5- >events || true; }
+tell --from 2000-01-01T00:00:00Z --to 2000-01-01T01:06:40Z
+grep -q '^u .*good' said || fail "the valve is not well before it sticks: $(cat said)"
+told
+[ ! -s events ] || fail "that all is well is no news: $(cat events)"
+tell --from 2000-01-01T01:06:40Z --to 2000-01-01T02:13:20Z
+tell --from 2000-01-01T01:06:40Z --to 2000-01-01T02:13:20Z
+tell --from 2000-01-01T00:00:00Z --to 2000-01-01T00:05:00Z # too short to say
+tell --from 2000-01-01T00:00:00Z --to 2000-01-01T01:06:40Z
+told
+diff - events <<'EVENTS' || fail "not each change once"
+warning,"u: valve: the valve sticks or has backlash: look after it before you tune"
+info,"u: good: nothing to mend shows in the record"
+EVENTS
+code=0
+"$apc" monitor well --tell >said 2>&1 || code=$?
+[ $code -eq 2 ] && grep -q 'without a run folder' said || fail "a run folder is written to: $(cat said)"
+
 code=0
 "$apc" monitor well --to -5 >said 2>&1 || code=$?
 [ $code -eq 2 ] && grep -q 'must be s since the start of the run' said || fail "no word of the time: $(cat said)"
