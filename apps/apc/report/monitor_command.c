@@ -10,7 +10,7 @@
 #include "experiment/experiment.h"
 
 struct monitor_options {
-    bool json, tell;
+    bool json, notify;
     const char *from, *to;
     double horizon; /* s; 0: as health_series has it */
 };
@@ -27,11 +27,11 @@ static const struct option_spec own_options[] = {
      "How far the least variance looks ahead; of a loop's dead time and a period more it is the Harris "
      "index; default: 10 periods",
      OPTION_NUMBER, AT(horizon), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
-    {"tell", 0, NULL,
+    {"notify", 0, NULL,
      "Write an event of kind \"health\" into --store for each loop whose health is another than the last one "
      "told "
      "within 30 days; apc-monitor@.timer does so every night",
-     OPTION_FLAG, AT(tell)},
+     OPTION_FLAG, AT(notify)},
     {0},
 };
 
@@ -149,7 +149,7 @@ static void show_json(const struct kpis *m)
 
 /* ---- For who looks at events --------------------------------------------------------------- */
 
-#define TELL_AGAIN (30 * 86400 * APC_NS_PER_S)
+#define TELL_AGAIN (INT64_C(30) * 86400 * APC_NS_PER_S)
 
 struct told {
     const struct kpis *m;
@@ -162,7 +162,7 @@ static void name_health(const struct kpis_loop *l, enum health_verdict verdict, 
     snprintf(text, size, "%.63s: %s: %s", l->name, health_name(verdict), health_words(verdict));
 }
 
-static int take_told(void *ctx, const struct apc_event *event)
+static int take_health_event(void *ctx, const struct apc_event *event)
 {
     struct told *t = ctx;
     char text[sizeof event->text];
@@ -199,7 +199,7 @@ static int tell_health(const struct cli *cli, struct apc_store *store, const str
     const apc_ns now = apc_clock_utc(NULL);
     const struct apc_range range = {.since = now - TELL_AGAIN};
     struct told told = {m, calloc(m->n_loops + 1, sizeof *told.last)};
-    int rc = told.last ? apc_store_events(store, &range, take_told, &told) : APC_ENOMEM;
+    int rc = told.last ? apc_store_events(store, &range, take_health_event, &told) : APC_ENOMEM;
     if (rc >= 0)
         rc = tell_changes(&told, store, now);
     free(told.last);
@@ -242,7 +242,7 @@ static int monitor_store(const struct cli *cli, const struct monitor_options *o,
         return exit_code_of(rc);
     rc = window_of_store(m, store, from, to, &o->horizon, &why);
     int status = rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
-    if (status == EXIT_OK && o->tell)
+    if (status == EXIT_OK && o->notify)
         status = tell_health(cli, store, m);
     apc_store_close(store);
     return status;
@@ -259,8 +259,8 @@ int command_monitor(int argc, char **argv)
         return cli_usage(&cli, "expected a run folder, or --store");
     if (cli.n_args > 0 && cli.store_given)
         return cli_usage(&cli, "a run folder or --store: which of the two?");
-    if (cli.n_args > 0 && options.tell)
-        return cli_usage(&cli, "--tell writes into --store: without a run folder");
+    if (cli.n_args > 0 && options.notify)
+        return cli_usage(&cli, "--notify writes into --store: without a run folder");
     int status = cli.n_args == 0 ? monitor_store(&cli, &options, &kpis) : monitor_run(&cli, &options, &kpis);
     if (status == EXIT_OK && kpis.loop) {
         qsort(kpis.loop, kpis.n_loops, sizeof *kpis.loop, by_health);

@@ -32,7 +32,7 @@ sed 's/at = 100.0/at = 4000.0/' sticks.conf >later.conf
 "$apc" simulate later.conf --report later >/dev/null
 "$apc" init --store sqlite:later.db later.conf >/dev/null
 "$APC_BUILD_DIR/tests/recorded" later sqlite:later.db
-tell() { "$apc" monitor --store sqlite:later.db --tell "$@" >said; }
+tell() { "$apc" monitor --store sqlite:later.db --notify "$@" >said; }
 told() { "$apc" history --events --store sqlite:later.db --last 100 --csv | grep '"apc-monitor","health"' | cut -d, -f2,5- >events || true; }
 tell --from 2000-01-01T00:00:00Z --to 2000-01-01T01:06:40Z
 grep -q '^u .*good' said || fail "the valve is not well before it sticks: $(cat said)"
@@ -48,7 +48,7 @@ warning,"u: valve: the valve sticks or has backlash: look after it before you tu
 info,"u: good: nothing to mend shows in the record"
 EVENTS
 code=0
-"$apc" monitor well --tell >said 2>&1 || code=$?
+"$apc" monitor well --notify >said 2>&1 || code=$?
 [ $code -eq 2 ] && grep -q 'without a run folder' said || fail "a run folder is written to: $(cat said)"
 
 code=0
