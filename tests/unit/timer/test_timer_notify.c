@@ -77,7 +77,7 @@ static void notify_once(void *value)
 /* ---- The task ---- */
 
 struct seen {
-    uint64_t index, missed;
+    uint64_t index, missed; /* of the last tick; of all */
     sem_t entered, release;
     unsigned calls;
     int result;
@@ -96,7 +96,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
         atomic_fetch_add(&s->overlaps, 1);
     s->calls++;
     s->index = tick->index;
-    s->missed = tick->missed;
+    s->missed += tick->missed;
     if (s->hold) {
         sem_post(&s->entered);
         posted(&s->release);
@@ -170,9 +170,9 @@ static void notifications_that_never_came_are_missed_ticks(void **state)
     (void)state;
     assert_true(passed(epoch() + 20 * MS));
     notify_once(fake.value.sival_ptr);
-    assert_int_equal(s.calls, 1);
+    assert_true(s.calls >= 1); /* the next one is due before it is back, on a busy machine */
     assert_true(s.missed >= 10);
-    assert_true(s.index == s.missed);
+    assert_true(s.index + 1 == s.calls + s.missed);
     uint64_t missed = apc_task_missed(task);
     assert_true(missed >= s.missed);
     assert_true(passed(epoch() + (apc_ns)(s.index + 10) * 2 * MS));
