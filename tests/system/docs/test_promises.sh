@@ -124,6 +124,10 @@ fi
 
 # ---- plain words
 
+# Promise(docs): README and docs hold at most 79000 words.
+words=$(cat README.md docs/*.md | wc -w)
+[ "$words" -le 79000 ] || fail "README and docs hold $words words, at most 79000: say what is said twice once"
+
 # Promise(docs/names): Each word of a name that a user types or reads is one of the glossary, or an ordinary one.
 scripts/names || fail "a name is not explained"
 mkdir -p "$work/named"
