@@ -175,6 +175,9 @@ static void intervals_hold_what_they_say(void **state)
     unsigned long all = 0;
     (void)state;
 
+    if (getenv("APC_SANITIZE"))
+        skip(); /* over many seeds, without what takes ten times as long */
+
     for (size_t i = 0; i < 3; i++) {
         unsigned long inside[3] = {0};
         double off[3] = {0.0};
@@ -278,6 +281,9 @@ static void a_record_may_begin_in_the_middle_of_a_movement(void **state)
     const unsigned long seeds = given ? strtoul(given, NULL, 10) : 2;
     unsigned long all = 0, n = 0;
     (void)state;
+
+    if (getenv("APC_SANITIZE"))
+        skip(); /* over many seeds, without what takes ten times as long */
 
     for (int controlled = 0; controlled < 2; controlled++) {
         for (size_t i = 0; i < sizeof ago / sizeof *ago; i++) {

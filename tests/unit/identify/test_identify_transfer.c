@@ -258,6 +258,9 @@ static void intervals_hold_what_they_say(void **state)
     unsigned long all = 0, tried = 0;
     (void)state;
 
+    if (getenv("APC_SANITIZE"))
+        skip(); /* over many seeds, without what takes ten times as long */
+
     assert_non_null(off);
     print_message("plant              number     of %lu intervals hold it  off: median  95 %%  no estimate "
                   "can be below\n",
@@ -523,6 +526,9 @@ static void a_record_may_begin_with_the_first_move(void **state)
     size_t inside_it = 0, n = 0;
     (void)state;
 
+    if (getenv("APC_SANITIZE"))
+        skip(); /* over many seeds, without what takes ten times as long */
+
     for (int how = 0; how < 3; how++) {
         for (uint64_t seed = 0; seed < 6; seed++, n++) {
             struct record_test *t = from_the_first_move(&g, how == 1, how == 2 ? 0.1 : 0.0, seed);
@@ -582,6 +588,9 @@ static void a_record_may_begin_after_a_move(void **state)
     const unsigned long seeds = given ? strtoul(given, NULL, 10) : 2;
     unsigned long all = 0, dead_times = 0, single = 0, n = 0;
     (void)state;
+
+    if (getenv("APC_SANITIZE"))
+        skip(); /* over many seeds, without what takes ten times as long */
 
     for (int rest = 0; rest < 2; rest++) {
         for (size_t ago = 0; ago < 7; ago++) {
