@@ -124,16 +124,25 @@ static void print_check_line(const struct checked *c, size_t i, const struct che
 
 /* ---- TAP ------------------------------------------------------------------------------------ */
 
-/* A # would begin a directive, a \ escapes. */
-static void put_tap_text(const char *text)
+#define CLEAN_LEN 600
+
+/* As people may see it. */
+static void clean_text(const char *text, char clean[CLEAN_LEN])
 {
-    char clean[600] = ""; /* of an empty text nothing is written */
-    FILE *out = fmemopen(clean, sizeof clean, "w");
+    clean[0] = '\0'; /* of an empty text nothing is written */
+    FILE *out = fmemopen(clean, CLEAN_LEN, "w");
     if (!out)
         return;
     print_clean(out, text);
     fclose(out);
-    clean[sizeof clean - 1] = '\0';
+    clean[CLEAN_LEN - 1] = '\0';
+}
+
+/* A # would begin a directive, a \ escapes. */
+static void put_tap_text(const char *text)
+{
+    char clean[CLEAN_LEN];
+    clean_text(text, clean);
     for (const char *at = clean; *at; at++) {
         if (*at == '#' || *at == '\\')
             putchar('\\');
@@ -186,13 +195,8 @@ static void put_xml(const char *text)
 
 static void put_xml_text(const char *text)
 {
-    char clean[600] = ""; /* of an empty text nothing is written */
-    FILE *out = fmemopen(clean, sizeof clean, "w");
-    if (!out)
-        return;
-    print_clean(out, text);
-    fclose(out);
-    clean[sizeof clean - 1] = '\0';
+    char clean[CLEAN_LEN];
+    clean_text(text, clean);
     put_xml(clean);
 }
 
