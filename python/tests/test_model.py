@@ -49,8 +49,12 @@ def test_quadratic_programs():
         qp.solve([0.0, 0.0], [1, 1, -np.inf], [2, 2, 1.5])
     soft = apc.QP([[2.0, 0.0], [0.0, 2.0]], [[1.0, 1.0]], linear=[0, 0, 10], square=[0, 0, 1])
     assert soft.solve([0.0, 0.0], [1, 1, -np.inf], [2, 2, 1.5]).soft > 0
-    with pytest.raises(apc.Error, match="positive definite"):
+    with pytest.raises(apc.Error, match="H of the QP is indefinite: pivot 2 of 2"):
         apc.QP([[1.0, 0.0], [0.0, -1.0]])
+    flat = apc.QP([[1.0, 0.0], [0.0, 0.0]], [[1.0, 1.0]])
+    assert np.allclose(flat.solve([0.0, -1.0], [-np.inf] * 3, [np.inf, np.inf, 3.0]).x, [-1, 4])
+    with pytest.raises(apc.SolverError, match=r"falls without end along x\[1\]: they need a weight or a limit"):
+        flat.solve([0.0, -1.0], [-9, -9, -np.inf], [9, np.inf, np.inf])
 
 
 def test_an_h_that_is_not_symmetric_has_the_objective_that_is_written():

@@ -272,7 +272,8 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
     const struct apc_qp_options qp = {.size = sizeof(qp),
                                       .iterations = options->iterations,
                                       .enough = options->enough,
-                                      .ctx = options->ctx};
+                                      .ctx = options->ctx,
+                                      .definite = true};
     struct apc_mpc *p;
     int rc = check_mpc_options(options, why);
 

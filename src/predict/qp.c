@@ -328,7 +328,6 @@ static void warm_start(struct apc_qp *qp)
     bool anew = qp->k > qp->rows;
 
     qp->waiting = 0;
-    qp->changes = 0;
     qp->tried = (unsigned)qp->rows;
     if (anew) {
         qp->k = qp->fresh = 0;
@@ -448,10 +447,10 @@ static void publish_multipliers(struct apc_qp *qp)
     }
 }
 
-/** Is the dual residual of each variable at most a share of the scale of its own terms? Needs lagrangian_gradient(). */
-QP_LANES static bool is_stationary(const struct apc_qp *qp, double share)
+QP_LANES bool qp_is_stationary(const struct apc_qp *qp, double share)
 {
-    const double scale = sqrt(qp_dot(qp->n, qp->w, qp->w)) + sqrt(qp_dot(qp->n, qp->q, qp->q));
+    const double scale = qp->proximal ? qp_gradient_scale(qp)
+                                      : sqrt(qp_dot(qp->n, qp->w, qp->w)) + sqrt(qp_dot(qp->n, qp->q, qp->q));
     apc_masks off = {0};
     size_t i = 0;
 
@@ -509,7 +508,8 @@ static bool verify_optimality(struct apc_qp *qp)
 
     publish_multipliers(qp);
     lagrangian_gradient(qp);
-    for (round = 0; round < REFINEMENTS && !(is_stationary(qp, REFINE) && active_rows_hold(qp, 0.1)); round++)
+    for (round = 0; round < REFINEMENTS && !(qp_is_stationary(qp, REFINE) && active_rows_hold(qp, 0.1));
+         round++)
         refine_iteratively(qp);
     if (round == 0)
         return true;
@@ -532,6 +532,17 @@ static bool verify_optimality(struct apc_qp *qp)
     }
     lagrangian_gradient(qp);
     return true;
+}
+
+enum apc_qp_status qp_solve_definite(struct apc_qp *qp)
+{
+    enum apc_qp_status status;
+
+    warm_start(qp);
+    do
+        status = dual_active_set(qp);
+    while (status == APC_QP_OPTIMAL && !verify_optimality(qp));
+    return status;
 }
 
 /** Are four rows, from @p i on, within their limits, and does none of them pull? */
@@ -592,6 +603,11 @@ static bool cancels(const struct apc_qp *qp)
             return false;
     }
     return true;
+}
+
+bool qp_is_sound(const struct apc_qp *qp)
+{
+    return (qp_is_stationary(qp, VOUCH) || cancels(qp)) && active_rows_hold(qp, 1.0);
 }
 
 static void copy_qp_result(struct apc_qp_result *to, const struct apc_qp_result *ours)
@@ -658,16 +674,17 @@ int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const do
     qp->f = f;
     qp->low = low;
     qp->high = high;
-    warm_start(qp);
-    do
-        ours.status = dual_active_set(qp);
-    while (ours.status == APC_QP_OPTIMAL && !verify_optimality(qp));
+    qp->changes = 0;
+    ours.status = qp->proximal ? qp_proximal_point(qp, f, &ours.steps) : qp_solve_definite(qp);
     if (ours.status != APC_QP_OPTIMAL) {
         primal_point(qp);
         publish_multipliers(qp);
         lagrangian_gradient(qp);
+        if (qp->proximal)
+            qp_proximal_gradient(qp);
     }
-    if (ours.status != APC_QP_INFEASIBLE)
+    qp->f = f;
+    if (ours.status != APC_QP_INFEASIBLE && ours.status != APC_QP_UNBOUNDED)
         for (size_t i = 0; i < qp->rows; i++) { /* of an equation the multiplier says which side it is */
             double at = low[i] == high[i] && qp->multiplier[i] != 0.0 ? qp->multiplier[i] : qp->state[i];
 
@@ -680,15 +697,14 @@ int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const do
         return refuse_problem(qp, x, result, APC_QP_NUMBERS, APC_ESOLVER);
     }
     memcpy(x, qp->x, qp->n * sizeof(*x));
-    if (ours.status == APC_QP_OPTIMAL &&
-        !((is_stationary(qp, VOUCH) || cancels(qp)) && active_rows_hold(qp, 1.0)))
+    if (ours.status == APC_QP_OPTIMAL && !qp_is_sound(qp))
         ours.status = APC_QP_NUMBERS;
     for (size_t p = 0; p < qp->waiting;
          p++) /* a solve that ended on the way begins without them the next time */
         qp->state[qp->pending[p].row] = 0;
     copy_qp_result(result, &ours);
-    return ours.status == APC_QP_OPTIMAL      ? 0
-           : ours.status == APC_QP_LIMIT      ? APC_ETIMEDOUT
-           : ours.status == APC_QP_INFEASIBLE ? APC_ERANGE
-                                              : APC_ESOLVER;
+    return ours.status == APC_QP_OPTIMAL   ? 0
+           : ours.status == APC_QP_LIMIT   ? APC_ETIMEDOUT
+           : ours.status == APC_QP_NUMBERS ? APC_ESOLVER
+                                           : APC_ERANGE;
 }

@@ -27,10 +27,20 @@ struct apc_qp {
     bool (*enough)(void *ctx);
     void *ctx;
 
-    bool ready;                /* there is an H */
-    double *H, *A, *J, *M;     /* H and J n x n, A and M m x n */
-    double *root;              /* [n] of H's diagonal: the scale of a variable */
-    double *size;              /* [rows] |M_i| */
+    bool definite;              /* H has to be */
+    bool limited;               /* most is the caller's */
+    bool ready;                 /* there is an H */
+    bool proximal;              /* it is singular: H and J are those of H + diag(shift) */
+    double *H, *A, *J, *M;      /* H and J n x n, A and M m x n */
+    double *root;               /* [n] of H's diagonal: the scale of a variable */
+    double share;               /* of E in H */
+    double *own;                /* [n] H's diagonal without E; these and the next for proximal steps alone */
+    double *shift, *centre;     /* [n] E, and c */
+    double *move, *way, *slope; /* [n] what the last step changed; where the next centre is; f - E c */
+    signed char *former;        /* [rows] state after the step before */
+    double fell, bent,
+        length;   /* how much the objective fell along the way before; H of E there; the way's size */
+    double *size; /* [rows] |M_i| */
     double *linear, *square;   /* [rows] */
     unsigned *column, *filled; /* [m * n], [m] where A's rows are not 0; filled n: all */
     size_t *zeros; /* [m] columns that a row of A, and so of AJ, begins with and are 0: eights of them */
@@ -238,6 +248,37 @@ static inline double qp_allowance(const struct apc_qp *qp, double limit)
 {
     return qp->tolerance + 8.0 * DBL_EPSILON * fabs(limit);
 }
+
+/* ---- qp.c ------------------------------------------------------------------------------------------ */
+
+/** The dual active-set method for qp->f and the limits, from the working set that there is. */
+enum apc_qp_status qp_solve_definite(struct apc_qp *qp);
+/** May what is called optimal be called so, by its residuals? */
+bool qp_is_sound(const struct apc_qp *qp);
+/** Is the dual residual of each variable at most a share of the scale of its own terms? Of qp->g. */
+bool qp_is_stationary(const struct apc_qp *qp, double share);
+
+/* ---- qp_proximal.c: H is singular ------------------------------------------------------------------ */
+
+#define QP_SINGULAR                                                                                          \
+    1e5 /* times n DBL_EPSILON: what is left of H's diagonal, at the most, where H is singular */
+
+/** The factor of H + E, once that of H has failed. Returns 0 or the pivot that shows H to be indefinite. */
+size_t qp_proximal_factor(struct apc_qp *qp);
+/** The dual active-set method for f, again and again. @p steps counts. */
+enum apc_qp_status qp_proximal_point(struct apc_qp *qp, const double *f, unsigned *steps);
+/** What the gradient is made of, the largest of all variables, each over its root. */
+double qp_gradient_scale(const struct apc_qp *qp);
+/** g and e, which are those of the step, as of the problem itself. */
+void qp_proximal_gradient(struct apc_qp *qp);
+
+/* ---- qp_setup.c ------------------------------------------------------------------------------------ */
+
+/** M = AJ, and where A's rows are not zero. */
+void qp_transform(struct apc_qp *qp);
+
+/** J = R^-1, an upper triangle, from H = R'R. Returns 0 or the pivot that is not above @p least of H's, from 1 on. */
+size_t qp_invert(struct apc_qp *qp, double least);
 
 /* ---- qp_violation.c: what is violated -------------------------------------------------------------- */
 

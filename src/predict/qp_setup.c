@@ -40,6 +40,12 @@ static size_t lay_out_qp(struct apc_qp *qp, unsigned char *block)
                    {&qp->J, n * n},
                    {&qp->M, m * n},
                    {&qp->root, n},
+                   {&qp->own, n},
+                   {&qp->shift, n},
+                   {&qp->centre, n},
+                   {&qp->move, n},
+                   {&qp->way, n},
+                   {&qp->slope, n},
                    {&qp->size, rows},
                    {&qp->linear, rows},
                    {&qp->square, rows},
@@ -76,6 +82,7 @@ static size_t lay_out_qp(struct apc_qp *qp, unsigned char *block)
     qp->order = cut_block(block, &used, 2 * rows, sizeof(*qp->order));
     qp->state = cut_block(block, &used, rows, 1);
     qp->side = cut_block(block, &used, rows, 1);
+    qp->former = cut_block(block, &used, rows, 1);
     return used;
 }
 
@@ -109,6 +116,8 @@ int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_op
     plan.tolerance = o.tolerance > 0.0 ? o.tolerance : 1e-9;
     plan.enough = o.enough;
     plan.ctx = o.ctx;
+    plan.definite = o.definite;
+    plan.limited = o.iterations > 0;
     block = (unsigned char *)plan.memory + (LINE - (uintptr_t)plan.memory % LINE) % LINE;
     memset(block, 0, size - LINE); /* no page is touched for the first time in a solve */
     (void)lay_out_qp(&plan, block);
@@ -125,8 +134,7 @@ void apc_qp_destroy(struct apc_qp *qp)
 
 /* ---- The problem ------------------------------------------------------------------------------ */
 
-/** J = R^-1, an upper triangle, from H = R'R. Returns 0 or the pivot that fails, from 1 on. */
-QP_LANES static size_t invert(struct apc_qp *qp)
+QP_LANES size_t qp_invert(struct apc_qp *qp, double least)
 {
     size_t n = qp->n;
     double *L = qp->spare, *J = qp->J; /* L = R', packed, while this lasts */
@@ -137,7 +145,7 @@ QP_LANES static size_t invert(struct apc_qp *qp)
         for (size_t j = 0; j < i; j++)
             row[j] = (qp->H[i * n + j] - qp_dot(j, L + qp_packed(j), row)) / L[qp_packed(j) + j];
         left = qp->H[i * n + i] - qp_dot(i, row, row);
-        if (!(left > (double)n * DBL_EPSILON * qp->H[i * n + i]))
+        if (!(left > least * qp->H[i * n + i]))
             return i + 1;
         row[i] = sqrt(left);
     }
@@ -155,8 +163,7 @@ QP_LANES static size_t invert(struct apc_qp *qp)
     return 0;
 }
 
-/** M = AJ, and where A's rows are not zero. */
-QP_LANES static void transform(struct apc_qp *qp)
+QP_LANES void qp_transform(struct apc_qp *qp)
 {
     size_t n = qp->n;
 
@@ -185,7 +192,7 @@ QP_LANES static void transform(struct apc_qp *qp)
 
 int apc_qp_set(struct apc_qp *qp, const double *H, const double *A, struct apc_error *why)
 {
-    size_t n, pivot;
+    size_t n, pivot, below;
 
     if (!qp || !H || (qp->m > 0 && !A))
         return apc_fail(why, APC_EINVAL, "a QP needs its H, and A where it has rows");
@@ -198,17 +205,24 @@ int apc_qp_set(struct apc_qp *qp, const double *H, const double *A, struct apc_e
         memcpy(qp->A, A, qp->m * n * sizeof(*A));
     if (!qp_all_finite(n * n, qp->H) || !qp_all_finite(qp->m * n, qp->A))
         return apc_fail(why, APC_EINVAL, "the QP's H or A has an element that is no finite number");
-    pivot = invert(qp);
-    if (pivot)
+    pivot = qp_invert(qp, (double)n * DBL_EPSILON * (qp->definite ? 1.0 : QP_SINGULAR));
+    qp->proximal = pivot && !qp->definite;
+    below = qp->proximal ? qp_proximal_factor(qp) : 0;
+    if (below)
+        return apc_fail(
+            why, APC_EINVAL,
+            "H of the QP is indefinite: pivot %zu of %zu is below zero; only a convex QP is solved", below,
+            n);
+    if (pivot && qp->definite)
         return apc_fail(
             why, APC_EINVAL,
             "H of the QP is not positive definite: pivot %zu of %zu is not above zero; every variable needs "
             "a weight",
             pivot, n);
-    transform(qp);
+    qp_transform(qp);
     if (!qp_all_finite(n * n, qp->J) || !qp_all_finite(qp->m * n, qp->M))
         return apc_fail(why, APC_EINVAL, "H of the QP is too badly scaled: its factor has no finite inverse");
-    for (size_t i = 0; i < n; i++)
+    for (size_t i = 0; i < n && !qp->proximal; i++)
         qp->root[i] = sqrt(qp->H[i * n + i]);
     qp->ready = true;
     qp->k = qp->rows + 1; /* what is known of W is of another H */

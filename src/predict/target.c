@@ -83,7 +83,7 @@ static int target_rows(struct apc_target *t, struct apc_error *why)
 static int fill_target_rows(struct apc_target *t, struct apc_error *why)
 {
     const size_t nu = t->model->nu;
-    const struct apc_qp_options options = {.size = sizeof(options)};
+    const struct apc_qp_options options = {.size = sizeof(options), .definite = true};
     int rc = target_rows(t, why);
 
     for (size_t k = 0; k < nu; k++) {

@@ -30,7 +30,7 @@ class Solution(NamedTuple):
 class QP:
     """minimise x'Hx / 2 + f'x  subject to  low <= (x, Ax) <= high
 
-    H [n, n] is positive definite, A [m, n]. Of an H that is not symmetric x'Hx is that of (H + H')/2, which is what is
+    H [n, n] is positive semidefinite, A [m, n]. Of an H that is not symmetric x'Hx is that of (H + H')/2, which is what is
     solved, and what multipliers belong to. Each solve begins from the working set of the former one.
     """
 
@@ -59,7 +59,7 @@ class QP:
 
     def solve(self, f: "ArrayLike", low: "ArrayLike", high: "ArrayLike") -> Solution:
         """For f [n], low and high [n + m], x's own bounds first; -inf and inf: none. `SolverError`: there is no such x,
-        with the rows that contradict each other, or none was found."""
+        with the rows that contradict each other, or the variables that run off, or none was found."""
         import numpy as np
 
         f_, low_, high_ = (doubles("f", f, self.n), doubles("low", low, self.n + self.m, infinite=True),
@@ -69,8 +69,10 @@ class QP:
         with self._owned as qp:
             code = lib.apc_qp_solve(qp, pointer(f_), pointer(low_), pointer(high_), pointer(x), result)
             rows, multipliers = lib.apc_qp_rows(qp), lib.apc_qp_multipliers(qp)
+            which = [i for i in range(self.n + self.m) if rows[i]]
+            if result.status == lib.APC_QP_UNBOUNDED:
+                raise error(lib.APC_ESOLVER, f"the objective falls without end along x{which}: they need a weight or a limit")
             if code == lib.APC_ERANGE:
-                which = [i for i in range(self.n + self.m) if rows[i]]
                 raise error(lib.APC_ESOLVER, f"rows {which} contradict each other (below {self.n}: bounds of x)")
             if code < 0:
                 raise error(lib.APC_ESOLVER, "no answer within the iterations allowed" if code == lib.APC_ETIMEDOUT else

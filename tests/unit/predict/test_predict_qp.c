@@ -683,8 +683,7 @@ static void bad_input_is_refused_and_leaves_x_finite(void **state)
 {
     const double H[] = {2.0, 0.0, 0.0, 1.0}, A[] = {1.0, 1.0}, f[] = {1.0, 1.0}, nan2[] = {0.0, (double)NAN};
     const double low[] = {-1.0, -1.0, -1.0}, high[] = {1.0, 1.0, 1.0}, crossed[] = {1.0, 2.0, 1.0};
-    const double broken[] = {-1.0, (double)NAN, -1.0}, never[] = {-1.0, HUGE_VAL, -1.0},
-                 flat[] = {2.0, 0.0, 0.0, 0.0};
+    const double broken[] = {-1.0, (double)NAN, -1.0}, never[] = {-1.0, HUGE_VAL, -1.0};
     const double saddle[] = {2.0, 3.0, 3.0, 1.0}, minus[] = {0.0, 0.0, -1.0}, huge[] = {1e200, 1e200};
     struct apc_qp_result result = {.size = sizeof result};
     struct apc_qp *qp = NULL;
@@ -711,8 +710,6 @@ static void bad_input_is_refused_and_leaves_x_finite(void **state)
     assert_true(isfinite(x[0]) && isfinite(x[1]));
     assert_int_equal(apc_qp_set(qp, NULL, A, &why), APC_EINVAL);
     assert_int_equal(apc_qp_set(qp, H, NULL, &why), APC_EINVAL);
-    assert_int_equal(apc_qp_set(qp, flat, A, &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "pivot 2 of 2"));
     assert_int_equal(apc_qp_set(qp, saddle, A, &why), APC_EINVAL);
     assert_int_equal(apc_qp_set(qp, H, nan2, &why), APC_EINVAL);
     assert_int_equal(apc_qp_solve(qp, f, low, high, x, &result), APC_EINVAL); /* the last one was refused */
@@ -756,6 +753,10 @@ static void a_solve_allocates_nothing(void **state)
         assert_int_equal(apc_qp_set(qp, p.H, p.A, NULL), 0);
         assert_int_equal(apc_qp_solve(qp, p.f, p.low, p.high, x, NULL), 0);
     }
+    for (size_t i = 0; i < p.n; i++)
+        p.H[i * p.n] = p.H[i] = 0.0; /* singular */
+    assert_int_equal(apc_qp_set(qp, p.H, p.A, NULL), 0);
+    (void)apc_qp_solve(qp, p.f, p.low, p.high, x, NULL);
     assert_int_equal(allocations, before);
     apc_qp_destroy(qp);
 }
