@@ -24,6 +24,8 @@ const struct route routes[] = {
      "what the alarms did"},
     {"GET", "/api/alarms/figures", ROLE_OBSERVER, PAST, get_alarm_figures, "since until",
      "how many alarms there were"},
+    {"GET", "/api/alarms/trial", ROLE_OBSERVER, COMPUTED, get_alarm_trial, "alarm since until",
+     "what other settings of an alarm would have given"},
     {"GET", "/api/kpis", ROLE_OBSERVER, PAST, get_kpis, "since until", "what the controllers were worth"},
     {"GET", "/api/why", ROLE_OBSERVER, COMPUTED, get_why, "output at over", "why an output moved"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},

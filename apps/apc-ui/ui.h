@@ -161,7 +161,7 @@ int audit_flush(struct ui *ui, struct apc_store *store);
 
 /* ---- api/api_alarm.c ---- */
 /* The alarms as the handlers know them: who writes waits for nobody who reads long. */
-enum { DESK_PAST = 0, DESK_WRITES, DESKS };
+enum { DESK_PAST = 0, DESK_WRITES, DESK_TRIAL, DESKS };
 struct desk {
     pthread_mutex_t mutex; /* held while the store is asked */
     struct alarm_summary board;

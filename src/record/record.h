@@ -325,6 +325,61 @@ int alarm_figures_make(struct alarm_figures *figures, const struct alarm_journal
                        const struct experiment *e, apc_ns since, apc_ns until);
 void alarm_figures_free(struct alarm_figures *figures);
 
+/* ---- Alarm trial ----------------------------------------------------------------------------- */
+
+/*
+ * What an alarm would have done with other settings: what was recorded of its signal is evaluated again, at the
+ * same period, by the core that apc-alarms runs, with all settings at once. While the record has the alarm
+ * shelved, suppressed or out of service, none of them is raised.
+ */
+
+enum alarm_setting { ALARM_AS_IS, ALARM_ON_DELAY, ALARM_OFF_DELAY, ALARM_DEADBAND, ALARM_SETTINGS };
+#define ALARM_TRIES 18 /* most of an alarm */
+
+/* One setting, the others as they are. */
+struct alarm_try {
+    enum alarm_setting setting;
+    double value; /* s, or in the unit of the condition */
+    size_t raised;
+    apc_ns later;               /* by how much an alarm that it raises comes later than as it is, at most */
+    size_t missed;              /* alarms that it does not raise at all: */
+    apc_ns longest;             /* the longest one */
+    bool proposed;              /* the smallest value that does nearly all of what more of it would */
+    enum apc_alarm_state state; /* while it is evaluated */
+    bool told;                  /* of what stands as it is */
+};
+
+struct alarm_trial {
+    apc_ns since, until; /* of the record */
+    size_t recorded;     /* how often it was raised there */
+    struct alarm_try at[ALARM_TRIES];
+    size_t n; /* the first is as it is */
+    struct apc_alarms *core;
+    apc_ns tick, period; /* the next evaluation */
+    apc_ns began;        /* since when it stands, as it is; 0: it does not */
+};
+
+/* The core of it: rows of the alarm's signals and of table alarm, by time, in; counts out. A row of table alarm
+ * is of the time of the tick that wrote it. @stood is the alarm's newest row before, seq 0: none; its id is that of
+ * the alarm. @scale is what a deadband is a twentieth of at most; 0: none is tried. Evaluated from @tick on. Returns
+ * 0 or APC_ENOMEM with a text in @why; alarm_trial_free() in either case.
+ */
+int alarm_trial_begin(struct alarm_trial *trial, const struct apc_alarm *alarm, double scale,
+                      const struct apc_sample *stood, apc_ns tick, apc_ns period, struct apc_error *why);
+void alarm_trial_row(struct alarm_trial *trial, const struct apc_sample *row);
+void alarm_trial_end(struct alarm_trial *trial, apc_ns until); /* evaluated before that; what is proposed */
+void alarm_trial_free(struct alarm_trial *trial);
+
+/* Of an alarm of a store, one of @e. @ticked is when alarms were evaluated once, 0: not known; @give_up when there is no more
+ * time (mono), 0: never. Returns 0, APC_EINVAL (its condition is no signal's), APC_ENOTFOUND (there is no record), APC_ETIMEDOUT,
+ * APC_ENOMEM or the store's error, with a text in @why; alarm_trial_free() in either case. */
+int alarm_trial_make(struct alarm_trial *trial, struct apc_store *store, const struct experiment *e,
+                     const struct alarm *alarm, apc_ns ticked, const struct apc_range *range, apc_ns give_up,
+                     struct apc_error *why);
+
+const char *alarm_setting_name(enum alarm_setting setting); /* "on-delay" and so on. Static. */
+void alarm_trial_members(const struct alarm_trial *trial, const char *alarm, struct text *t);
+
 /* ---- Alarm summary -------------------------------------------------------------------------- */
 
 /* The alarms of a store as they stand, and what people want of them: for whoever shows or acknowledges them. */

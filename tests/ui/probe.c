@@ -159,6 +159,8 @@ static void answers_are_what_openapi_says(void **state)
         {"/api/alarms/journal?since=-60&last=0", 400},
         {"/api/alarms/figures", 200},
         {"/api/alarms/figures?since=-60&until=-3600", 422},
+        {"/api/alarms/trial", 400},
+        {"/api/alarms/trial?alarm=none", 404},
         {"/api/kpis", 200},
         {"/api/kpis?since=-3600&until=-60", 200},
         {"/api/kpis?since=-60&until=-3600", 422},

@@ -283,6 +283,8 @@ export class Fake {
         return json({t: this.now, transitions: this.alarms.map((one, i) => ({number: i + 1, time: one.time, alarm: plant.alarms.all[one.id - 1].alarm, priority: plant.alarms.all[one.id - 1].priority, raised: one.active, state: one.state, before: "Normal", author: one.author}))});
       case "/api/alarms/figures":
         return json({t: this.now, since: this.now - 86400, until: this.now, hours: 24, raised: 400, by_priority: [100, 200, 100, 0], per_hour: 16.7, most_in_ten_minutes: 40, floods: 3, windows: 144, chattering: 1, standing: 2, stale: 6, unacknowledged: 1, to_acknowledge: 41.5, alarms: [{id: 1, alarm: "y.high", raised: 300, chatters: true, active: 3600, since: this.now - 60}]});
+      case "/api/alarms/trial":
+        return json({t: this.now, alarm: url.searchParams.get("alarm"), since: this.now - 86400, until: this.now, recorded: 300, raised: 300, tries: [["on-delay", 5, 12, 5, 288, 4, true], ["on-delay", 10, 9, 10, 291, 4, false], ["deadband", 0.5, 9, 0, 0, 0, true]].map(([setting, value, raised, later, missed, longest, proposed]) => ({setting, value, raised, later, missed, longest, proposed}))});
       case "/api/timing":
         return this.records ? json(this.#timing(url.searchParams)) : json({error: {code: "away", message: "the database is away"}}, 503);
       case "/api/timing/series":

@@ -1780,7 +1780,24 @@ test("the journal tells the story, and figures stand beside what they should be"
   assert.equal(figures[1], "average per hour [off target] 16.7 at most 6; 12 can be managed");
   assert.equal(figures[3], "time in flood (more than 10 per 10 min) [off target] 2.1 % less than 1 %");
   assert.equal(figures[8], "mean time to acknowledge 42 s");
-  assert.deepEqual(said(".alarms .span tbody tr").split(" | "), ["y1.high 300 75.0 % 60 min [Chattering] yes", "y2.low 100 25.0 % 60 s no"]);
+  assert.deepEqual(said(".alarms .span tbody tr").split(" | "), ["y1.high 300 75.0 % 60 min [Chattering] yes Try y1.high", "y2.low 100 25.0 % 60 s no Try y2.low"]);
+  env.routes.set("/api/alarms/trial", asked => asked.answer({t: server.now, alarm: "y1.high", since: server.now - 86400, until: server.now, recorded: 301, raised: 300, tries: [
+    {setting: "on-delay", value: 2, raised: 200, later: 2, missed: 100, longest: 1, proposed: false},
+    {setting: "on-delay", value: 5, raised: 12, later: 5, missed: 288, longest: 4, proposed: true},
+    {setting: "deadband", value: 0.5, raised: 9, later: 0, missed: 0, longest: 0, proposed: true},
+  ]}));
+  await click(button("Try y1.high"));
+  await env.pass(0.5);
+  await settle();
+  assert.deepEqual(said(".alarms .span[aria-live] :is(caption, tbody tr)").split(" | "), [
+    "y1.high: other settings, tried on the record of 24 h 0 min On the record it was activated 301 times: with other settings than now, or while it was not evaluated.",
+    "as it is 300 on-delay 5 s 12 5.0 s 288, active for at most 4.0 s deadband 0.5 m 9 0 s 0",
+  ]);
+  env.routes.set("/api/alarms/trial", asked => asked.answer({error: {code: "trial", message: "there is too much on record"}}, 422));
+  await click(button("Try y2.low"));
+  await env.pass(0.5);
+  await settle();
+  assert.match(said(".alarms .span[aria-live] caption"), /there is too much on record$/);
   server.plant = tanks;
   server.alarms = [];
   env.source.send("plant", {revision: 10});

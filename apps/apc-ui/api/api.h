@@ -27,6 +27,7 @@ void get_prediction(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarm_trial(struct ui *ui, struct request *r, struct apc_store *store);
 /* The file of the addresses of plants. Returns 0, where there is none too, or an error in why. */
 int plants_check(const char *path, struct apc_error *why);
 void get_plants(struct ui *ui, struct request *r, struct apc_store *store);

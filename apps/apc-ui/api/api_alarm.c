@@ -5,11 +5,12 @@
 #include "apc-ui/api/api.h"
 #include "record/record.h"
 
-#define JOURNAL_MAX  1000
-#define JOURNAL_LAST 200
-#define FIGURES_BACK (86400 * APC_NS_PER_S)
-#define FIGURES_MOST (31 * FIGURES_BACK)
-#define UNTIL_MAX    INT64_C(10000000000) /* Unix seconds: it is not milliseconds */
+#define JOURNAL_MAX    1000
+#define JOURNAL_LAST   200
+#define FIGURES_BACK   (86400 * APC_NS_PER_S)
+#define FIGURES_MOST   (31 * FIGURES_BACK)
+#define TRIAL_PATIENCE (10 * APC_NS_PER_S)
+#define UNTIL_MAX      INT64_C(10000000000) /* Unix seconds: it is not milliseconds */
 
 int desks_init(struct desk desk[DESKS])
 {
@@ -202,6 +203,58 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
     }
     alarm_figures_free(&figures);
     alarm_journal_free(&journal);
+    give_desk_back(desk);
+}
+
+/* ---- Other settings ------------------------------------------------------------------------ */
+
+static void fault_trial(struct request *r, int rc, const struct apc_error *why)
+{
+    if (rc == APC_EINVAL || rc == APC_ENOTFOUND || rc == APC_ETIMEDOUT)
+        fault_set(&r->fault, 422, "trial", NULL, "%s", why->text);
+    else
+        fault_set(&r->fault, 503, "store", NULL, "the database is away: %.150s", why->text);
+}
+
+static void try_settings_json(struct request *r, const struct alarm_summary *board,
+                              const struct alarm_now *now, const struct apc_range *range,
+                              struct apc_store *store)
+{
+    const struct alarm *alarm = alarm_summary_alarm(board, now);
+    const apc_ns ticked = board->tick.seq > 0 ? board->tick.time : 0;
+    struct alarm_trial trial;
+    struct apc_error why;
+    const int rc = alarm_trial_make(&trial, store, &board->e, alarm, ticked, range,
+                                    apc_clock_mono(NULL) + TRIAL_PATIENCE, &why);
+    if (rc < 0)
+        fault_trial(r, rc, &why);
+    else {
+        json_add(&r->reply, "{t:%.6jd", apc_clock_utc(NULL));
+        alarm_trial_members(&trial, alarm->name, &r->reply);
+        json_add(&r->reply, "}");
+    }
+    alarm_trial_free(&trial);
+}
+
+void get_alarm_trial(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct desk *desk = &ui->desk[DESK_TRIAL];
+    const char *name = request_query(r, "alarm");
+    struct apc_range range = {0};
+    if (!name) {
+        fault_set(&r->fault, 400, "parameter", "alarm", "\"alarm\" is needed: the name of an alarm");
+        return;
+    }
+    if (!query_range(r, FIGURES_BACK, FIGURES_MOST, &range.since, &range.until))
+        return;
+    if (take_desk(desk, r, store)) {
+        const struct alarm_now *now =
+            desk->board.e.n_alarms > 0 ? alarm_summary_find(&desk->board, name) : NULL;
+        if (now)
+            try_settings_json(r, &desk->board, now, &range, store);
+        else
+            fault_set(&r->fault, 404, "alarm", "alarm", "there is no alarm \"%.63s\"", name);
+    }
     give_desk_back(desk);
 }
 

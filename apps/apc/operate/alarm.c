@@ -16,6 +16,8 @@
 #define PAUSE (50 * APC_NS_PER_MS)
 #define GRACE (2 * APC_NS_PER_S) /* beyond three ticks */
 #define LAST  50                 /* transitions that are shown without --since and --last */
+#define WORST 5                  /* alarms that settings are tried of, where none is named */
+#define DAY   (86400 * APC_NS_PER_S)
 
 #define REASON_MAX 80 /* bytes, as over HTTP: an event has little more room */
 
@@ -40,7 +42,8 @@ static const struct option_spec own_options[] = {
     {"for", 'f', "DURATION", "shelve: how long, as 30m or 2h; required", OPTION_TEXT, AT(for_)},
     {"once", 0, NULL, "shelve: only until it has returned to normal", OPTION_FLAG, AT(once)},
     {"reason", 'r', "TEXT", "Why, for the record; at most 80 bytes", OPTION_TEXT, AT(reason)},
-    {"since", 0, "TIME", "journal: from then on, RFC 3339 or before now as -8h", OPTION_TEXT, AT(since)},
+    {"since", 0, "TIME", "journal, try: from then on, RFC 3339 or before now as -8h; try: by default -24h",
+     OPTION_TEXT, AT(since)},
     {"last", 0, "N", "journal: the newest N transitions", OPTION_TEXT, AT(last)},
     {"figures", 0, NULL, "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it",
      OPTION_FLAG, AT(figures)},
@@ -49,10 +52,13 @@ static const struct option_spec own_options[] = {
 };
 
 static const struct cli_spec spec = {
-    .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal",
-    .doc = "List the active alarms, or with --at those of then. Acknowledge them (and reset those that "
-           "latch), shelve them for some time, take them out of service and back in, or show the journal of "
-           "their transitions.",
+    .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal\ntry "
+                "[NAME...]",
+    .doc =
+        "List the active alarms, or with --at those of then. Acknowledge them (and reset those that "
+        "latch), shelve them for some time, take them out of service and back in, or show the journal of "
+        "their transitions. Or try delays and deadbands of alarms, or of the five that came most often, on "
+        "the record: how often they would have come.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,
@@ -73,6 +79,15 @@ static const char *author_of_transition(struct session *s, uint32_t number, char
     if (number > 0 && apc_store_author_name(s->store, number, name) < 0)
         name[0] = '\0';
     return name;
+}
+
+static int check_named_alarms(const struct session *s)
+{
+    for (int i = 1; i < s->cli.n_args; i++)
+        if (!alarm_summary_find(&s->summary, s->cli.args[i]))
+            return cli_error(&s->cli, APC_ENOTFOUND,
+                             "there is no alarm \"%s\": apc alarm list --all names them", s->cli.args[i]);
+    return EXIT_OK;
 }
 
 /* ---- List --------------------------------------------------------------------------------- */
@@ -284,6 +299,119 @@ static int journal(struct session *s)
     return rc;
 }
 
+/* ---- Other settings ------------------------------------------------------------------------ */
+
+static void show_try(const struct cli_tags *tags, const struct apc_alarm *alarm, const struct alarm_try *one)
+{
+    char text[PRINT_LEN];
+    const struct apc_tag *tag = cli_tag(tags, alarm->table, alarm->id);
+    const char *unit = one->setting != ALARM_DEADBAND ? "s" : tag ? tag->unit : "";
+    printf("; with %s %.6g%s%s%s: %zu", alarm_setting_name(one->setting), one->value, *unit ? " " : "", unit,
+           one->setting == ALARM_DEADBAND && alarm->kind == APC_ALARM_RATE ? "/s" : "", one->raised);
+    if (one->later > 0)
+        printf(", up to %s later", print_duration(one->later, text));
+    if (one->missed > 0)
+        printf(", %zu never, which lasted up to %s", one->missed, print_duration(one->longest, text));
+}
+
+static void show_trial(const struct cli_tags *tags, const struct alarm *alarm, const struct alarm_trial *t)
+{
+    size_t n = 0;
+    printf("%s: %zu alarms in %.3g h", alarm->name, t->at[0].raised, apc_ns_to_s(t->until - t->since) / 3600);
+    if (t->recorded != t->at[0].raised)
+        printf(" (on record: %zu)", t->recorded);
+    for (size_t i = 0; i < t->n; i++)
+        if (t->at[i].proposed) {
+            show_try(tags, &alarm->is, &t->at[i]);
+            n++;
+        }
+    puts(n > 0 ? "" : "; no setting that was tried gives fewer");
+}
+
+static int try_alarm(struct session *s, const struct cli_tags *tags, const struct alarm *alarm,
+                     const struct apc_range *range, struct text *t)
+{
+    struct alarm_trial trial;
+    struct apc_error why;
+    int rc = alarm_trial_make(&trial, s->store, &s->summary.e, alarm,
+                              s->summary.tick.seq > 0 ? s->summary.tick.time : 0, range, 0, &why);
+    if (rc < 0)
+        rc = cli_error(&s->cli, rc, "%s", why.text);
+    else if (s->cli.format == CLI_JSON) {
+        json_add(t, "{");
+        alarm_trial_members(&trial, alarm->name, t);
+        json_add(t, "}");
+    } else
+        show_trial(tags, alarm, &trial);
+    alarm_trial_free(&trial);
+    return rc;
+}
+
+/* Those that came most often into @at; returns how many. */
+static int find_worst_alarms(struct session *s, const struct apc_range *range, const struct alarm *at[WORST])
+{
+    struct alarm_journal j = {0};
+    struct alarm_figures f = {0};
+    int n = 0, rc = alarm_journal_load(&j, s->store, s->summary.e.n_alarms, range);
+    if (rc == 0)
+        rc = alarm_figures_make(&f, &j, &s->summary.e, range->since, range->until);
+    for (; rc == 0 && n < WORST; n++) {
+        struct alarm_figure *worst = NULL;
+        for (size_t i = 0; i < f.n; i++)
+            if (f.alarm[i].raised > (worst ? worst->raised : 0) &&
+                !apc_table_vectors(s->summary.e.alarm[i].is.table))
+                worst = &f.alarm[i];
+        if (!worst)
+            break;
+        at[n] = &s->summary.e.alarm[worst - f.alarm];
+        worst->raised = 0;
+    }
+    alarm_figures_free(&f);
+    alarm_journal_free(&j);
+    return rc < 0 ? rc : n;
+}
+
+static int try_alarms_of(struct session *s, const struct cli_tags *tags, const struct apc_range *range)
+{
+    const struct alarm *worst[WORST];
+    struct text t = {.out = stdout};
+    const int named = s->cli.n_args - 1, n = named ? named : find_worst_alarms(s, range, worst);
+    if (n < 0)
+        return cli_store_error(&s->cli, n, s->store);
+    int rc = EXIT_OK;
+    if (s->cli.format == CLI_JSON)
+        json_add(&t, "{alarms:[");
+    else if (n == 0)
+        puts("no alarm of a signal came in that time");
+    for (int i = 0; i < n && rc == EXIT_OK; i++) {
+        const struct alarm *alarm =
+            named ? alarm_summary_alarm(&s->summary, alarm_summary_find(&s->summary, s->cli.args[i + 1]))
+                  : worst[i];
+        rc = try_alarm(s, tags, alarm, range, &t);
+    }
+    if (s->cli.format == CLI_JSON)
+        json_add(&t, "]}\n");
+    return rc;
+}
+
+static int try_settings(struct session *s)
+{
+    struct apc_range range = {.since = s->now - DAY, .until = s->now};
+    struct cli_tags tags;
+    if (cli_time(&s->cli, "since", s->options.since, &range.since) != EXIT_OK)
+        return EXIT_USAGE;
+    if (range.since >= range.until)
+        return cli_usage(&s->cli, "--since: \"%s\" must be before now", s->options.since);
+    int rc = check_named_alarms(s);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_tags_load(&s->cli, s->store, &tags));
+    if (rc == EXIT_OK) {
+        rc = try_alarms_of(s, &tags, &range);
+        cli_tags_free(&tags);
+    }
+    return rc;
+}
+
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
 struct wanted {
@@ -387,11 +515,7 @@ static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum
 
 static int each(struct session *s, enum apc_alarm_switch which, double value)
 {
-    int rc = EXIT_OK;
-    for (int i = 1; i < s->cli.n_args && rc == EXIT_OK; i++)
-        if (!alarm_summary_find(&s->summary, s->cli.args[i]))
-            rc = cli_error(&s->cli, APC_ENOTFOUND,
-                           "there is no alarm \"%s\": apc alarm list --all names them", s->cli.args[i]);
+    int rc = check_named_alarms(s);
     for (int i = 1; i < s->cli.n_args && rc != EXIT_ERROR && rc != EXIT_CONNECTION; i++) {
         const int done = put_alarm_switch(s, alarm_summary_find(&s->summary, s->cli.args[i]), which, value);
         rc = done > rc ? done : rc;
@@ -423,20 +547,21 @@ static int shelve(struct session *s)
 /* EXIT_OK, or what is wrong is said. */
 static int check_request(struct session *s)
 {
-    static const char *const known[] = {"list", "journal", "ack", "shelve", "unshelve", "out", "in"};
+    static const char *const known[] = {"list", "journal", "try", "ack", "shelve", "unshelve", "out", "in"};
     const char *what = s->cli.args[0];
     size_t k = 0;
     while (k < sizeof known / sizeof known[0] && strcmp(what, known[k]) != 0)
         k++;
     if (k == sizeof known / sizeof known[0])
-        return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in or journal", what);
+        return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in, journal or try",
+                         what);
     if (k < 2 && s->cli.n_args > 1)
         return cli_usage(&s->cli, "%s takes no names", what);
     if (s->options.at && k != 0)
         return cli_usage(&s->cli, "--at is of list only");
-    if (k >= 2 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))
+    if (k >= 3 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))
         return cli_usage(&s->cli, "%s wants the name of an alarm", what);
-    if (k >= 2 && s->options.reason && strlen(s->options.reason) > REASON_MAX)
+    if (k >= 3 && s->options.reason && strlen(s->options.reason) > REASON_MAX)
         return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
                          strlen(s->options.reason), REASON_MAX);
     if (!strcmp(what, "shelve") && !s->options.for_)
@@ -451,6 +576,8 @@ static int act_on_alarms(struct session *s)
         return list_alarms(s);
     if (!strcmp(what, "journal"))
         return journal(s);
+    if (!strcmp(what, "try"))
+        return try_settings(s);
     if (!strcmp(what, "ack"))
         return want_of_alarm(s, APC_ALARM_ACK, 0);
     if (!strcmp(what, "shelve"))

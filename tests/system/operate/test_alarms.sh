@@ -156,6 +156,21 @@ done
 expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
 "$apc" alarm journal --figures --json | python3 -c 'import json, sys; assert json.load(sys.stdin)["alarms"]["floods"] > 0' ||
   fail "the figures are no JSON: $("$apc" alarm journal --figures --json)"
+
+# ---- Other settings, tried on the record
+
+raised=$(grep -c '"alarm":"r.high".*"raised":true' "$work/journal")
+# Types(docs/alarms.md): apc alarm try
+expect 0 "^r\.high: [0-9]+ alarms in " "$apc" alarm try r.high
+"$apc" alarm try r.high r.low --json | python3 -c '
+import json, sys
+high, low = json.load(sys.stdin)["alarms"]
+assert high["alarm"] == "r.high" and low["alarm"] == "r.low" and high["recorded"] == int(sys.argv[1]), (high, sys.argv)
+assert {one["setting"] for one in low["tries"]} == {"on-delay", "off-delay", "deadband"}
+assert all(one["missed"] == 0 for one in high["tries"] if one["setting"] != "on-delay")
+' "$raised" || fail "not as it was recorded: $("$apc" alarm try r.high r.low --json)"
+[ "$("$apc" alarm try --since -1h | grep -c 'alarms in')" = 5 ] || fail "not the five that came most often: $("$apc" alarm try)"
+expect 1 'there is no alarm "r.hihg"' "$apc" alarm try r.hihg
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
 # Promise(experiment/command-told-alarm)

@@ -204,6 +204,23 @@ static void figures_count_them(void **state)
     assert_int_equal(request.fault.http, 422);
 }
 
+static void settings_are_tried_on_the_record(void **state)
+{
+    (void)state;
+    measured(20);
+    measured(1);
+    assert_string_equal(ask_text(get_alarm_trial), "");
+    assert_int_equal(request.fault.http, 400);
+    query[0] = "alarm";
+    query[1] = "y.hihg";
+    assert_string_equal(ask_text(get_alarm_trial), "");
+    assert_int_equal(request.fault.http, 404);
+    query[1] = "y.high";
+    const char *answer = ask_text(get_alarm_trial);
+    assert_non_null(strstr(answer, "\"alarm\":\"y.high\",\"since\":"));
+    assert_non_null(strstr(answer, "{\"setting\":\"on-delay\",\"value\":5,\"raised\":0,"));
+}
+
 static void metrics_count_them_while_they_are_evaluated(void **state)
 {
     struct model *m = &ui->model;
@@ -615,6 +632,7 @@ int main(void)
         T(what_is_no_range_is_refused),
         T(a_store_without_alarms_has_none),
         T(figures_count_them),
+        T(settings_are_tried_on_the_record),
         T(a_zipped_plant_is_the_one_there_is_now),
         T(what_moves_is_told_once_and_is_in_the_state),
         T(the_end_of_shelving_may_move_without_a_transition),

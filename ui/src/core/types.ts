@@ -110,6 +110,15 @@ export interface AlarmFigures {
   alarms: {id: number; alarm: string; raised: number; chatters: boolean; active: number; since: number | null}[];
 }
 
+export interface AlarmTrial {
+  alarm: string;
+  since: number;
+  until: number;
+  recorded: number;
+  raised: number;
+  tries: {setting: "on-delay" | "off-delay" | "deadband"; value: number; raised: number; later: number; missed: number; longest: number; proposed: boolean}[];
+}
+
 export interface Plant {
   name: string;
   title: string;

@@ -3,9 +3,9 @@
 import type {JSX} from "preact";
 import {useState} from "preact/hooks";
 import {get} from "../core/api";
-import {duration, number} from "../core/format";
-import {alarms} from "../core/model";
-import type {AlarmFigures} from "../core/types";
+import {duration, exact, number} from "../core/format";
+import {alarms, plant, variable} from "../core/model";
+import type {AlarmFigures, AlarmTrial} from "../core/types";
 import {Note, type Priority, Shape} from "../parts/shape";
 import {Tag} from "../parts/tag";
 import {path} from "../router";
@@ -19,6 +19,7 @@ const AIM = [5, 15, 80]; // %
 
 export function AlarmFiguresView(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
+  const [tried, setTried] = useState<string | null>(null);
   const all = useCell(alarms);
   const newest = Math.max(0, ...all.map(one => one.now.journal));
   const {answer: figures, error} = useAnswer(() => get<AlarmFigures>("/api/alarms/figures", {since: -seconds}), [seconds, newest]);
@@ -77,7 +78,7 @@ export function AlarmFiguresView(): JSX.Element {
             <table class="data cards">
               <caption>{tr("performance.frequent")}</caption>
               <thead>
-                <tr><th scope="col">{tr("common.alarm")}</th><th scope="col" class="number">{tr("alarms.activatedShort")}</th><th scope="col" class="number">{tr("performance.share")}</th><th scope="col" class="number">{tr("performance.activeFor")}</th><th scope="col">{tr("performance.chatters")}</th></tr>
+                <tr><th scope="col">{tr("common.alarm")}</th><th scope="col" class="number">{tr("alarms.activatedShort")}</th><th scope="col" class="number">{tr("performance.share")}</th><th scope="col" class="number">{tr("performance.activeFor")}</th><th scope="col">{tr("performance.chatters")}</th><th scope="col">{tr("trial.column")}</th></tr>
               </thead>
               <tbody>
                 {figures.alarms.slice().sort((a, b) => b.raised - a.raised || b.active - a.active).slice(0, MOST_FREQUENT).map(one => (
@@ -87,15 +88,51 @@ export function AlarmFiguresView(): JSX.Element {
                     <td class="number" data-label={tr("performance.share")}>{part(one.raised, figures.raised)}</td>
                     <td class="number" data-label={tr("performance.activeFor")}>{duration(one.active)}</td>
                     <td data-label={tr("performance.chatters")}>{one.chatters ? <><Note label={tr("performance.chatters")} /> {tr("common.yes")}</> : tr("common.no")}</td>
+                    <td data-label={tr("trial.column")}><button type="button" onClick={() => setTried(one.alarm)}>{tr("trial.try")}<span class="hidden"> {one.alarm}</span></button></td>
                   </tr>
                 ))}
               </tbody>
             </table>
             {figures.alarms.length === 0 && <p class="say">{tr("performance.noneActivated")}</p>}
           </div>
+          {tried != null && <Trial of={tried} seconds={seconds} />}
         </div>
       )}
     </>
+  );
+}
+
+/** What delays and deadbands would have given, of each the one that is proposed. */
+function Trial({of, seconds}: {of: string; seconds: number}): JSX.Element {
+  const {answer, error} = useAnswer(() => get<AlarmTrial>("/api/alarms/trial", {alarm: of, since: -seconds}), [of, seconds]);
+  const trial = answer?.alarm === of ? answer : null;
+  const proposed = trial?.tries.filter(one => one.proposed) ?? [];
+  const {all} = useCell(plant)?.alarms ?? {all: []};
+  const alarm = all.find(one => one.alarm === of);
+  const unit = alarm ? (variable(alarm.ref)?.unit ?? "") + (alarm.kind === "rate" ? "/s" : "") : "";
+  return (
+    <div class="panel span" aria-live="polite">
+      <table class="data cards">
+        <caption><Tag name={of} />: {trial ? tr("trial.caption", {time: duration(trial.until - trial.since)}) : error ?? tr("trial.tries")}{trial && trial.recorded !== trial.raised && <small>{tr("trial.recorded", {n: trial.recorded})}</small>}</caption>
+        {trial && <>
+          <thead>
+            <tr><th scope="col">{tr("trial.setting")}</th><th scope="col" class="number">{tr("alarms.activatedShort")}</th><th scope="col" class="number">{tr("trial.later")}</th><th scope="col" class="number">{tr("trial.never")}</th></tr>
+          </thead>
+          <tbody>
+            <tr><th scope="row">{tr("trial.asIs")}</th><td class="number" data-label={tr("alarms.activatedShort")}>{trial.raised}</td><td /><td /></tr>
+            {proposed.map(one => (
+              <tr key={one.setting}>
+                <th scope="row">{tr(`trial.${one.setting}`, {value: `${exact(one.value)} ${one.setting === "deadband" ? unit : "s"}`})}</th>
+                <td class="number" data-label={tr("alarms.activatedShort")}>{one.raised}</td>
+                <td class="number" data-label={tr("trial.later")}>{duration(one.later)}</td>
+                <td class="number" data-label={tr("trial.never")}>{one.missed > 0 ? tr("trial.missed", {n: one.missed, time: duration(one.longest)}) : 0}</td>
+              </tr>
+            ))}
+          </tbody>
+        </>}
+      </table>
+      {trial && proposed.length === 0 && <p class="say">{tr("trial.none")}</p>}
+    </div>
   );
 }
 
