@@ -1,14 +1,18 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc log: an entry in the log book. */
+/* apc log: an entry in the log book, or the log book as a page. */
 #include <stddef.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "apc/common/print.h"
+#include "experiment/experiment.h"
 #include "operate.h"
 
+#define DAY (86400 * APC_NS_PER_S)
+
 struct log_options {
-    const char *signal;
-    bool signs;
+    const char *signal, *since, *until;
+    bool signs, html;
 };
 
 static const struct option_spec log_options[] = {
@@ -16,20 +20,65 @@ static const struct option_spec log_options[] = {
      .to = offsetof(struct log_options, signal)},
     {"sign", 0, NULL, "You have read what the shift before left, and take over", OPTION_FLAG,
      .to = offsetof(struct log_options, signs)},
+    {"html", 0, NULL, "Print the log book to stdout, as an HTML page for paper", OPTION_FLAG,
+     .to = offsetof(struct log_options, html)},
+    {"since", 0, "TIME", "With --html: from then on, RFC 3339 or before now; default: -24h", OPTION_TEXT,
+     .to = offsetof(struct log_options, since)},
+    {"until", 0, "TIME", "With --html: before then; default: now", OPTION_TEXT,
+     .to = offsetof(struct log_options, until)},
     {0},
 };
 
 static const struct cli_spec log_spec = {
-    .args_doc = "TEXT",
+    .args_doc = "TEXT\n--html",
     .doc =
         "Enter TEXT in the log book of the plant under your name, one line of at most 180 bytes. It stands "
         "among the events: the page shows it on the screen Log book, and `apc history --events` as well. The "
-        "same TEXT within a minute is one entry.",
+        "same TEXT within a minute is one entry, but for programs that enter it at the same instant.",
     .takes = CLI_STORE,
-    .min_args = 1,
     .max_args = 1,
     .options = log_options,
 };
+
+/* The name of the plant, of a store that has its experiment. */
+static int name_of_plant(struct apc_store *store, char name[APC_TAG_LEN], struct apc_error *why)
+{
+    struct experiment e = {0};
+    char *text = NULL;
+    int64_t revision;
+    int rc = experiment_text(store, &text, &revision, why);
+    name[0] = '\0';
+    if (rc > 0)
+        rc = experiment_parse(&e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL,
+                              why);
+    if (rc == 0)
+        snprintf(name, APC_TAG_LEN, "%s", e.name);
+    experiment_free(&e);
+    free(text);
+    return rc;
+}
+
+static int show_log_page(const struct cli *cli, const struct log_options *own)
+{
+    struct apc_range range = {.until = apc_clock_utc(NULL)};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    char name[APC_TAG_LEN];
+    if (cli_time(cli, "until", own->until, &range.until) != EXIT_OK)
+        return EXIT_USAGE;
+    range.since = range.until - DAY;
+    if (cli_time(cli, "since", own->since, &range.since) != EXIT_OK)
+        return EXIT_USAGE;
+    if (range.since >= range.until)
+        return cli_usage(cli, "--since must be before --until");
+    int rc = exit_code_of(cli_open(cli, &store));
+    if (rc == EXIT_OK && (rc = name_of_plant(store, name, &why)) < 0)
+        rc = cli_error(cli, rc, "%s", why.text);
+    if (rc == EXIT_OK && (rc = log_html(store, name, &range, stdout)) < 0)
+        rc = cli_store_error(cli, rc, store);
+    apc_store_close(store);
+    return rc;
+}
 
 int command_log(int argc, char **argv)
 {
@@ -42,6 +91,10 @@ int command_log(int argc, char **argv)
     struct cli cli;
 
     cli_parse(&cli, &log_spec, &own, argc, argv);
+    if (own.html ? cli.n_args > 0 || own.signal || own.signs : cli.n_args == 0 || own.since || own.until)
+        return cli_usage(&cli, "either TEXT or --html, with --since and --until");
+    if (own.html)
+        return cli_done(&cli, show_log_page(&cli, &own));
     operate_who(who, sizeof who);
     const struct logbook_entry entry = {
         .author = who, .signal = own.signal, .text = cli.args[0], .signs = own.signs};

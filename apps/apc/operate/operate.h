@@ -7,6 +7,8 @@
 #ifndef APC_CLI_OPERATE_H
 #define APC_CLI_OPERATE_H
 
+#include <stdio.h>
+
 #include "apc/common/cli.h"
 #include "operate/operate.h"
 
@@ -21,6 +23,8 @@ int operate_find(const struct cli *cli, const struct plant_view *plant, const ch
 /* The same, to whatever value. */
 int operate_find_any(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
                      struct change *change);
+/* The entries of that time as an HTML page. Returns 0 or the store's error. */
+int log_html(struct apc_store *store, const char *plant, const struct apc_range *range, FILE *out);
 /* Who is at the terminal, not as whom: a name that su and sudo keep. */
 void operate_who(char *name, size_t size);
 /* Write, record, wait for the outcome unless cli->no_wait, show. Returns the exit code. */
