@@ -1640,6 +1640,19 @@ test("the line of alarms stands on every page, with the most urgent, which is ac
   assert.match(said(".alarm-line"), /Alarms are not evaluated: states are last known/);
 });
 
+test("an alarm that somebody else acknowledges leaves the focus in its row, so that the keys go on", async () => {
+  await withAlarms(stands(1, 1, "Unacknowledged Active"), stands(2, 1, "Unacknowledged Active"));
+  await show("alarms");
+  const focused = (): string => document.activeElement?.textContent ?? "";
+  const key = (name: string): void => void document.activeElement!.dispatchEvent(new KeyboardEvent("keydown", {key: name, bubbles: true, cancelable: true}));
+  button("Acknowledge y1.high", ".alarm-list").focus();
+  env.source.send("alarms", {t: server.now, alarms: [stands(1, 2, "Acknowledged Active")]});
+  await settle();
+  assert.equal(focused(), "More of y1.high");
+  key("ArrowDown");
+  assert.equal(focused(), "Acknowledge y2.low");
+});
+
 test("the list of alarms stands still while somebody points at it, and a press is for the alarm that was there when it began", async () => {
   await withAlarms(stands(2, 1, "Unacknowledged Active"));
   await show("alarms");

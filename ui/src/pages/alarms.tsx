@@ -2,7 +2,7 @@
 // The alarms: those that stand, those that are masked, all of them; what each one means, and what to do with it.
 import type {JSX} from "preact";
 import {memo} from "preact/compat";
-import {useEffect, useMemo, useRef, useState} from "preact/hooks";
+import {useEffect, useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
 import {usePress} from "../usepress";
@@ -203,6 +203,12 @@ const Row = memo(function Row({of, open, toggle}: RowProps): JSX.Element {
   const busy = isOnItsWay(view, serverNow());
   const lost = view != null && view.phase !== "applied" && !busy;
   const press = usePress(of, one => void acknowledge(one));
+  // What has the focus and goes, as somebody else acknowledges it, leaves the focus in its row, and the keys with it.
+  const line = useRef<HTMLDivElement>(null);
+  const leaves = !act && line.current != null && line.current.firstElementChild === document.activeElement;
+  useLayoutEffect(() => {
+    if (leaves) (line.current?.lastElementChild as HTMLElement).focus();
+  }, [leaves]);
   return (
     <tr class={isUnacknowledged(of) ? "unacknowledged" : ""}>
       <td class="mark" data-label={tr("common.priority")}><Shape priority={of.priority} label={known("alarmkind", of.kind)} hollow={!isUnacknowledged(of)} /></td>
@@ -223,7 +229,7 @@ const Row = memo(function Row({of, open, toggle}: RowProps): JSX.Element {
         {now.author && <small>{now.author}</small>}
       </td>
       <td class="acts">
-        <div class="entry-line">
+        <div class="entry-line" ref={line}>
           {act && (
             <button
               type="button"
