@@ -35,6 +35,8 @@ const struct route routes[] = {
     {"POST", "/api/mode", ROLE_OPERATOR, WRITER, post_mode, "", "change the target mode"},
     {"POST", "/api/owner", ROLE_OPERATOR, WRITER, post_owner, "", "take a setpoint, or give it back"},
     {"POST", "/api/tuning", ROLE_ENGINEER, WRITER, post_tuning, "", "change tunings"},
+    {"GET", "/api/retake", ROLE_OBSERVER, PAST, get_retake, "at names", "what was set otherwise then"},
+    {"POST", "/api/retake", ROLE_OPERATOR, WRITER, post_retake, "", "what was set then, again"},
     {"POST", "/api/undo", ROLE_OPERATOR, WRITER, post_undo, "", "take back one's last write"},
     {"POST", "/api/log", ROLE_OPERATOR, WRITER, post_log, "", "enter something in the log book, or sign it"},
     {"POST", "/api/alarms/{name}/ack", ROLE_OPERATOR, WRITER, post_alarm_ack, "", "acknowledge an alarm"},

@@ -43,6 +43,12 @@ void post_mode(struct ui *ui, struct request *r, struct apc_store *store);
 void post_owner(struct ui *ui, struct request *r, struct apc_store *store);
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
 void post_log(struct ui *ui, struct request *r, struct apc_store *store);
+/* What differs of variables, loops, controllers called @names, with commas between them, NULL or "": of all; the
+ * changes to be freed. False: the fault is set. */
+bool request_retake(struct request *r, struct apc_store *store, struct apc_store *past, const char *names,
+                    struct operation *o);
+void get_retake(struct ui *ui, struct request *r, struct apc_store *store);
+void post_retake(struct ui *ui, struct request *r, struct apc_store *store);
 void post_undo(struct ui *ui, struct request *r, struct apc_store *store);
 void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
 void get_livez(struct ui *ui, struct request *r, struct apc_store *store);

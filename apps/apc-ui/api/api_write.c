@@ -44,6 +44,8 @@ struct order {
     struct apc_sample rate; /* of the ramp that the first change is on; id 0: it cannot be on one */
     char reason[REASON_LEN];
     bool confirmed, stops;
+    char *names;              /* of what is taken again, with commas; "": of all */
+    json_t *seen;             /* the seqs of what differs, by their refs, as whoever asks was shown them */
     struct known_plant plant; /* as the model had it */
     struct operation operation;
 };
@@ -265,6 +267,24 @@ static bool read_undo(struct request *r, const json_t *body, struct order *o)
            fault_set(&r->fault, 422, "value", "time", "\"time\" must be that of a write");
 }
 
+static bool read_retake(struct request *r, const json_t *body, struct order *o)
+{
+    const char *names = "";
+    double seconds;
+    json_t *seen = json_object_get(body, "seen");
+    if (!member_number(body, "at", &seconds, &r->fault) ||
+        (json_object_get(body, "names") && !member_text(body, "names", &names, &r->fault)))
+        return false;
+    if (!json_is_object(seen))
+        return fault_set(&r->fault, 400, "json", "seen",
+                         "\"seen\" must be an object: the seq of each change that was shown, by its ref");
+    o->write.undoes = seconds > 0 && seconds < 1e10 ? llround(seconds * 1e6) * APC_NS_PER_US : 0;
+    o->seen = json_incref(seen);
+    o->names = strdup(names);
+    return (o->names && o->write.undoes > 0) ||
+           fault_set(&r->fault, 422, "value", "at", "\"at\" must be Unix seconds, above 0");
+}
+
 static bool read_write_order(struct request *r, struct order *o)
 {
     static const char *const value_members[] = {"id",      "value",  "seq", "over", "stop",
@@ -273,12 +293,14 @@ static bool read_write_order(struct request *r, struct order *o)
     static const char *const owner_members[] = {"id", "owner", "seq", "reason", "key", NULL};
     static const char *const tuning_members[] = {"values", "reason", "key", NULL};
     static const char *const undo_members[] = {"time", "reason", "key", NULL};
+    static const char *const retake_members[] = {"at", "names", "seen", "confirm", "reason", "key", NULL};
     enum write_kind kind = o->write.kind;
     json_t *body = body_parse(r->body, r->n,
                               kind == WRITE_MODE     ? mode_members
                               : kind == WRITE_OWNER  ? owner_members
                               : kind == WRITE_TUNING ? tuning_members
                               : kind == WRITE_UNDO   ? undo_members
+                              : kind == WRITE_RETAKE ? retake_members
                                                      : value_members,
                               &r->fault);
     bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason) &&
@@ -291,10 +313,67 @@ static bool read_write_order(struct request *r, struct order *o)
         ok = read_tuning(r, body, o);
     else if (ok && kind == WRITE_UNDO)
         ok = read_undo(r, body, o);
+    else if (ok && kind == WRITE_RETAKE)
+        ok = read_retake(r, body, o);
     else if (ok)
         ok = read_move(r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
     json_decref(body);
     return ok;
+}
+
+/* These are what is to be written: are there not too many, and may this role? */
+static void take_found(struct request *r, struct order *o, const struct operation *found, const char *instead)
+{
+    struct change_fault why;
+    if (found->n > WRITE_CHANGES)
+        fault_set(&r->fault, 422, "value", NULL, "it has more than %d values: %s", WRITE_CHANGES, instead);
+    for (size_t i = 0; i < found->n && !r->fault.http; i++) {
+        o->change[o->write.n++] = found->change[i];
+        if (found->change[i].to.table == APC_TUNING && r->session.role < ROLE_ENGINEER &&
+            change_role(o->write.user, "operator", "engineer", &why) < 0)
+            fault_change(r, &why, NULL);
+    }
+}
+
+/* Is it what was shown? */
+static bool is_as_seen(const struct operation *o, const json_t *seen)
+{
+    char ref[REF_LEN];
+    bool same = json_object_size(seen) == o->n;
+    for (size_t i = 0; i < o->n && same; i++) {
+        const struct change *c = &o->change[i];
+        const json_t *seq = json_object_get(seen, ref_format(c->to.table, c->to.id, ref));
+        same = c->after.seq == APC_SEQ_ANY ? json_is_null(seq)
+                                           : json_is_integer(seq) && json_integer_value(seq) == c->after.seq;
+    }
+    return same;
+}
+
+/* Which changes make it what it was then, as find_undo(). */
+static bool find_retake(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
+{
+    struct operation again = {.plant = &o->plant.view};
+    struct apc_store *past = NULL;
+    struct apc_error error;
+    if (!is_first(r, writes_again(ui->writes, &o->write, &r->reply), store))
+        return false;
+    const int rc = apc_store_connect(store);
+    if (rc < 0)
+        fault_store(r, rc, store);
+    else if (!fault_history(r, store) && apc_store_past(&past, store, o->write.undoes, &error) < 0)
+        fault_set(&r->fault, 422, "value", "at", "%.150s", error.text);
+    else if (past && request_retake(r, store, past, o->names, &again)) {
+        if (again.n == 0)
+            fault_set(&r->fault, 422, "value", "at", "nothing differs from what was set then");
+        else if (!is_as_seen(&again, o->seen))
+            fault_set(&r->fault, 409, "stale", "seen",
+                      "it is not what was shown: somebody has written meanwhile. Look at it again");
+        else
+            take_found(r, o, &again, "apc set --from takes it again");
+    }
+    free(again.change);
+    apc_store_close(past);
+    return !r->fault.http;
 }
 
 /* Which changes take a write back. False: none do, or they have been asked for before. */
@@ -312,15 +391,8 @@ static bool find_undo(struct ui *ui, struct request *r, struct order *o, struct 
         fault_store(r, rc, store);
     else if (rc < 0)
         (void)fault_change(r, &why, NULL);
-    else if (undo.n > WRITE_CHANGES)
-        fault_set(&r->fault, 422, "value", NULL, "it has more than %d values: apc undo takes it back",
-                  WRITE_CHANGES);
-    for (size_t i = 0; i < undo.n && !r->fault.http; i++) {
-        o->change[o->write.n++] = undo.change[i];
-        if (undo.change[i].to.table == APC_TUNING && r->session.role < ROLE_ENGINEER &&
-            change_role(o->write.user, "operator", "engineer", &why) < 0)
-            fault_change(r, &why, NULL);
-    }
+    else
+        take_found(r, o, &undo, "apc undo takes it back");
     free(undo.change);
     return !r->fault.http;
 }
@@ -420,7 +492,7 @@ static bool check_takers(struct ui *ui, struct request *r, struct order *o, stru
 static bool check_now(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
     struct change_fault why;
-    if (o->write.kind != WRITE_UNDO && change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
+    if (o->write.undoes == 0 && change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
         return fault_change(r, &why, NULL);
     for (size_t i = 0; i < o->write.n && !is_being_moved(o); i++)
         if (o->change[i].after.seq != APC_SEQ_ANY && o->change[i].newest.seq != o->change[i].after.seq) {
@@ -478,9 +550,11 @@ static int audit_events(void *ctx, struct apc_store *store, const struct apc_eve
 static int put_order(struct ui *ui, const struct request *r, struct order *o, struct apc_store *store,
                      struct change_fault *why)
 {
-    char note[REASON_LEN + 72];
+    char note[REASON_LEN + 120], then[APC_TIME_LEN + 16] = "", time[APC_TIME_LEN];
     const apc_ns began = apc_clock_mono(NULL);
-    snprintf(note, sizeof note, "%s (from %.50s)%s%s", o->write.kind == WRITE_UNDO ? " (undo)" : "",
+    if (o->write.kind == WRITE_RETAKE)
+        snprintf(then, sizeof then, " (as of %s)", apc_time_format(o->write.undoes, time));
+    snprintf(note, sizeof note, "%s (from %.50s)%s%s", o->write.kind == WRITE_UNDO ? " (undo)" : then,
              r->from->address, o->reason[0] ? ": " : "", o->reason);
     if (is_being_moved(o))
         o->change[0].after.seq = APC_SEQ_ANY;
@@ -569,9 +643,12 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
     o->write.time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US; /* as the store keeps it */
     memcpy(o->write.user, r->session.user, sizeof o->write.user);
     if (read_write_order(r, o) && request_may_write(ui, r) &&
-        (kind != WRITE_UNDO || find_undo(ui, r, o, store)) && request_begin(ui, r, &o->write, store))
+        (kind != WRITE_UNDO || find_undo(ui, r, o, store)) &&
+        (kind != WRITE_RETAKE || find_retake(ui, r, o, store)) && request_begin(ui, r, &o->write, store))
         carry_out_write(ui, r, o, store);
     known_free(&o->plant);
+    json_decref(o->seen);
+    free(o->names);
     free(o);
 }
 
@@ -598,6 +675,11 @@ void post_owner(struct ui *ui, struct request *r, struct apc_store *store)
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store)
 {
     write_order(ui, r, store, WRITE_TUNING);
+}
+
+void post_retake(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_RETAKE);
 }
 
 void post_undo(struct ui *ui, struct request *r, struct apc_store *store)

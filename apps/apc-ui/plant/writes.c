@@ -59,7 +59,8 @@ void write_json(const struct write *write, struct text *t)
     static const char *const kinds[] = {
         [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output", [WRITE_MODE] = "mode",
         [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning", [WRITE_UNDO] = "undo",
-        [WRITE_ACK] = "ack",           [WRITE_SHELVE] = "shelve", [WRITE_SERVICE] = "service"};
+        [WRITE_RETAKE] = "retake",     [WRITE_ACK] = "ack",       [WRITE_SHELVE] = "shelve",
+        [WRITE_SERVICE] = "service"};
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
         [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};

@@ -32,6 +32,7 @@ enum write_kind {
     WRITE_OWNER,
     WRITE_TUNING,
     WRITE_UNDO,
+    WRITE_RETAKE,
     WRITE_ACK,
     WRITE_SHELVE,
     WRITE_SERVICE
@@ -54,7 +55,7 @@ struct write {
     bool confirm; /* it failed, as so great a step has to be confirmed */
     char reason[240];
     apc_ns time;      /* UTC */
-    apc_ns undoes;    /* time of the write that it takes back; else 0 */
+    apc_ns undoes;    /* time of the write that it takes back, or whose values it takes again; else 0 */
     apc_ns ended;     /* monotonic: when the attempt was over, and the controller's time began */
     apc_ns asked;     /* monotonic: when its refusal was last asked for */
     size_t n, wanted; /* changes; those that were asked for: what others were taken along is not waited for */

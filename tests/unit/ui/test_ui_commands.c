@@ -301,6 +301,56 @@ static void ones_last_write_is_undone_by_its_time_once(void **state)
     assert_near(in_force(APC_TUNING, 1, &seq), 10, 0);
 }
 
+/* Promise(run/values-taken-again) */
+static void what_was_set_then_is_shown_and_written_as_it_was_shown(void **state)
+{
+    static const char shown[] =
+        "{\"at\":2.5,\"seen\":{\"setpoint.1\":2,\"tuning.1\":2},\"key\":\"a-key-of-then\"}";
+    int64_t seq;
+    (void)state;
+    put(APC_SETPOINT, 1, 5);
+    put(APC_OPMODE, 2, APC_MODE_AUTO);
+    put(APC_TUNING, 1, 10);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1}"), 0);
+    assert_int_equal(refused(post_tuning, "{\"values\":[{\"id\":1,\"value\":11,\"seq\":1}]}"), 0);
+    const char *const then[] = {"at", "2.5", "names", "r1,u1"};
+    memcpy(query, then, sizeof then);
+    json_t *differs = ask(get_retake);
+    char *said = json_dumps(json_object_get(differs, "changes"), 0);
+    assert_has(said, "\"from\": 6, \"to\": 5, \"seq\": 2}");
+    free(said);
+    json_decref(differs);
+    memset(query, 0, sizeof query);
+    assert_int_equal(refused(get_retake, ""), 400);
+    assert_int_equal(refused(post_retake, "{\"seen\":{}}"), 400);
+    assert_int_equal(refused(post_retake, "{\"at\":2.5}"), 400);
+    assert_int_equal(refused(post_retake, "{\"at\":-1,\"seen\":{}}"), 422);
+    assert_int_equal(refused(post_retake, "{\"at\":0.5,\"seen\":{}}"), 422);
+    assert_has(request.fault.message, "nothing that people set is on record");
+    assert_int_equal(refused(post_retake, "{\"at\":2.5,\"names\":\"q\",\"seen\":{}}"), 404);
+    assert_int_equal(refused(post_retake, "{\"at\":2.5,\"seen\":{\"setpoint.1\":2}}"), 409);
+    assert_int_equal(refused(post_retake, "{\"at\":2.5,\"seen\":{\"setpoint.1\":2,\"tuning.1\":1}}"), 409);
+    assert_string_equal(request.fault.code, "stale");
+    request.session.role = ROLE_OPERATOR;
+    assert_int_equal(refused(post_retake, shown), 403); /* tuning is among it */
+    assert_near(in_force(APC_SETPOINT, 1, &seq), 6, 0);
+    request.session.role = ROLE_ENGINEER;
+    for (int i = 0; i < 2; i++) { /* asked twice it is done once, and told twice */
+        json_t *write = post(post_retake, shown);
+        assert_int_equal(request.fault.http, 0);
+        assert_string_equal(json_string_value(json_object_get(write, "kind")), "retake");
+        assert_int_equal(json_array_size(json_object_get(write, "changes")), 2);
+        json_decref(write);
+        assert_near(in_force(APC_SETPOINT, 1, &seq), 5, 0);
+        assert_int_equal(seq, 3);
+        assert_near(in_force(APC_TUNING, 1, &seq), 10, 0);
+    }
+    assert_has(newest_text(), ": 11 -> 10 (as of 1970-01-01T00:00:02.5");
+    assert_has(newest_text(), " (from 10.0.0.7)");
+    assert_int_equal(refused(post_retake, "{\"at\":2.5,\"seen\":{}}"), 422);
+    assert_has(request.fault.message, "nothing differs");
+}
+
 /* Promise(page/log-book) */
 static void what_is_entered_in_the_log_book_is_an_event(void **state)
 {
@@ -929,6 +979,7 @@ int main(void)
         T(a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said),
         T(a_setpoint_that_was_taken_is_given_back_to_the_scheduler),
         T(ones_last_write_is_undone_by_its_time_once),
+        T(what_was_set_then_is_shown_and_written_as_it_was_shown),
         T(what_is_entered_in_the_log_book_is_an_event),
         T(a_ramp_begins_where_it_is_and_is_stopped),
         T(as_many_tunings_as_there_are_go_at_once),

@@ -329,7 +329,7 @@ export interface Unexplained {
   error: string;
 }
 
-export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "undo" | "ack" | "shelve" | "service";
+export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "undo" | "retake" | "ack" | "shelve" | "service";
 
 export interface Write {
   key: string;
