@@ -69,6 +69,12 @@ int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *a
                    struct apc_error *why);
 /* 1: it is in force; 0: not yet, after at most @p timeout; or what else became of it, in words. */
 int apc_wish_poll(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
+/* Instead of one value: what was set as of @p at, UTC, as `apc set --from`, of those called so; none: of all. Returns how
+ * many values differ, or an error as of apc_wish_find(). */
+int apc_wish_retake(struct apc_wish *wish, struct apc_store *store, int64_t at, const char *const *name,
+                    size_t n, struct apc_error *why);
+/* Of change @p i of these: its value now, NAN: there is none, and then. Returns what it is called. */
+const char *apc_wish_change(const struct apc_wish *wish, int i, double *now, double *then);
 double apc_wish_force(const struct apc_wish *wish); /* what is in force */
 int64_t apc_wish_time(const struct apc_wish *wish); /* of its row */
 /* Enter something in the log book, as `apc log`. Returns 1, 0: it is there already, or an error. */

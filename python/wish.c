@@ -1,15 +1,20 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What an operator writes, as `apc set`, `tune` and `mode` do it: who waits for what is Python's. */
 #include <apcstore.h>
+#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "columns.h"
+#include "experiment/experiment.h"
 #include "operate/operate.h"
 
 struct apc_wish {
     struct known_plant plant;
     struct change change;
     struct operation operation;
+    struct change *retaken; /* of the operation instead of that one */
+    char note[APC_TIME_LEN + 16];
 };
 
 static int failed(struct apc_store *store, int rc, struct apc_error *why)
@@ -33,6 +38,7 @@ void apc_wish_free(struct apc_wish *wish)
     if (!wish)
         return;
     operation_end(&wish->operation);
+    free(wish->retaken);
     known_free(&wish->plant);
     free(wish);
 }
@@ -105,10 +111,45 @@ int apc_wish_poll(struct apc_wish *w, struct apc_store *store, int64_t timeout, 
 
     if (rc == 0)
         rc = operation_wait(&w->operation, store, timeout);
-    else if (rc > 0 && operation_finish(&w->operation, 0, &fault) < 0)
-        return apc_fail(why, fault.err, "%s: %s", change_words(&w->change, NULL, text, sizeof text),
-                        fault.text);
+    for (size_t i = 0; i < w->operation.n && rc > 0; i++)
+        if (operation_finish(&w->operation, i, &fault) < 0)
+            return apc_fail(why, fault.err, "%s: %s",
+                            change_words(&w->operation.change[i], NULL, text, sizeof text), fault.text);
     return rc < 0 ? failed(store, rc, why) : rc;
+}
+
+int apc_wish_retake(struct apc_wish *w, struct apc_store *store, int64_t at, const char *const *name,
+                    size_t n, struct apc_error *why)
+{
+    struct retake of = {.name = name, .n_names = n};
+    struct change_fault fault;
+    struct apc_tag *tag = NULL;
+    char time[APC_TIME_LEN];
+    int rc = known_load(&w->plant, store);
+
+    if (rc < 0)
+        return failed(store, rc, why);
+    rc = apc_store_past(&of.past, store, at, why);
+    if (rc == 0)
+        rc = experiment_tags_then(of.past, store, NULL, &tag, &of.n, why);
+    of.tag = tag;
+    snprintf(w->note, sizeof w->note, " (as of %s)", apc_time_format(at, time));
+    w->operation = (struct operation){.plant = &w->plant.view, .note = w->note};
+    if (rc == 0 && operation_retake(&w->operation, store, &of, &fault) < 0)
+        rc = said(&fault, why);
+    w->retaken = w->operation.change;
+    free(tag);
+    apc_store_close(of.past);
+    return rc < 0 ? rc : (int)w->operation.n;
+}
+
+const char *apc_wish_change(const struct apc_wish *w, int i, double *now, double *then)
+{
+    const struct change *c = &w->operation.change[i];
+
+    *now = c->before.seq > 0 ? c->before.value : (double)NAN;
+    *then = c->after.value;
+    return c->to.name;
 }
 
 double apc_wish_force(const struct apc_wish *w)

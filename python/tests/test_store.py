@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import gc
+import time
 
 import numpy as np
 import pytest
@@ -93,6 +94,34 @@ def test_why_an_output_moved():
         s.store.why("u", at="1999-12-31")
     with pytest.raises(ValueError, match="over = -1"):
         s.store.why("u", over=-1)
+
+
+# Promise(run/values-taken-again)
+def test_what_was_set_is_shown_and_written_again(tmp_path):
+    with apc.Store(f"sqlite:{tmp_path}/x.db") as store:
+        store.init()
+        apc.Experiment("here.conf", TEXT).provision(store)
+        Kp = store.read("Kp")
+        time.sleep(0.001)
+        then = time.time_ns()
+        time.sleep(0.001)
+        store.write("r", 12, wait=False)
+        store.write("Kp", 0.7, wait=False)
+        differing = [("r", 12.0, 10.0), ("Kp", 0.7, Kp.value)]
+        assert store.retake(then) == differing and store.read("r").value == 12
+        assert store.retake(then, ["r"]) == differing[:1]
+        with pytest.raises(apc.NotFoundError, match='no loop or controller "q"'):
+            store.retake(then, ["q"])
+        with pytest.raises(apc.RefusedError, match="nobody applies it"):
+            store.retake(then, apply=True)
+        assert store.read("r").value == 12
+        assert store.retake(then, apply=True, author="Ann", wait=False) == differing
+        assert (store.read("r").value, store.read("Kp").value) == (10, Kp.value) and store.retake(then) == []
+        assert [e.source for e in store.events(last=2)] == ["Ann", "Ann"]
+        with pytest.raises(apc.NotFoundError, match="nothing that people set is on record"):
+            store.retake("2000-01-01")
+        with pytest.raises(apc.InvalidError, match="is in the future"):
+            store.retake("2200-01-01")
 
 
 def test_the_future_is_not_on_record(tmp_path):

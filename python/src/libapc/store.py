@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from json import loads
-from math import nan
+from math import isnan, nan
 from time import sleep, time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Iterable, NamedTuple, Optional, Union
@@ -251,6 +251,28 @@ class Store:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
         return Mode(int(self._wish(loop, float(Mode._wanted(mode)), lib.APC_WISH_MODE, author, wait).value))
 
+    def retake(self, at: Time, names: Iterable[str] = (), apply: bool = False, author: Optional[str] = None, wait: bool = True,
+               confirm: bool = False) -> list[tuple[str, Optional[float], float]]:
+        """How tuning, modes and setpoints differ from what was set `at` a time, as `apc set --from` shows it: name, now (None:
+        there is none) and then, of all or of the loops, controllers and variables called so. `apply`: write that as one change,
+        as `write`, or nothing. `NotFoundError`: something is gone, or there was nothing; `RefusedError`, `LimitError`: it
+        cannot be written as things stand."""
+        if isinstance(names, str):
+            raise TypeError(f"names is {names!r:.40}, not several: expected a list of them")
+        wish, reason = self._new_wish(), why()
+        called = [ffi.new("char[]", utf8("names", name)) for name in names]
+        who, now, then = utf8("author", author or _user()), ffi.new("double *"), ffi.new("double *")
+        differing = []
+        with self._owned as s:
+            self._live(s, "apc set")
+            n = check(lib.apc_wish_retake(wish, s, _ns(at), ffi.new("char *[]", called), len(called), reason), reason)
+            for i in range(n):
+                name = text(lib.apc_wish_change(wish, i, now, then))
+                differing.append((name, None if isnan(now[0]) else now[0], then[0]))
+            if apply and n:
+                self._carry_out(s, wish, who, wait, confirm)
+        return differing
+
     def log(self, text: str, signal: str = "", author: Optional[str] = None, sign: bool = False) -> bool:
         """Enter a line in the log book of the plant, of at most 180 bytes, about a signal or nothing certain. `sign`: a
         handover is taken over. False: the same author has entered the same within a minute, and it stands once."""
@@ -315,22 +337,30 @@ class Store:
             pass
         return ""
 
-    def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True,
-              confirm: bool = False, over: Optional[float] = None, stop: bool = False) -> Value:
-        wish, reason = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free), why()
-        who = utf8("author", author or _user())
+    def _new_wish(self) -> Any:
+        wish = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free)
         if wish == ffi.NULL:
             raise error(lib.APC_ENOMEM, "out of memory")
+        return wish
+
+    def _carry_out(self, s: Any, wish: Any, who: bytes, wait: bool, confirm: bool) -> None:
+        reason = why()
+        while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
+            sleep(0.05)
+        check(lib.apc_wish_write(wish, s, who, confirm, reason), reason)
+        while wait and not check(lib.apc_wish_poll(wish, s, 10**8, reason), reason):
+            pass
+
+    def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True,
+              confirm: bool = False, over: Optional[float] = None, stop: bool = False) -> Value:
+        wish, reason = self._new_wish(), why()
+        who = utf8("author", author or _user())
         with self._owned as s:
             self._live(s, "apc set")
             check(lib.apc_wish_find(wish, s, utf8("name", name), kinds, value, stop, reason), reason)
             if over is not None:
                 check(lib.apc_wish_over(wish, _number(over), reason), reason)
-            while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
-                sleep(0.05)
-            check(lib.apc_wish_write(wish, s, who, confirm, reason), reason)
-            while wait and not check(lib.apc_wish_poll(wish, s, 10**8, reason), reason):
-                pass
+            self._carry_out(s, wish, who, wait, confirm)
         return Value(lib.apc_wish_force(wish) if wait else value, Status(lib.APC_GOOD), lib.apc_wish_time(wish))
 
     def close(self) -> None:
