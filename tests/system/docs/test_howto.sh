@@ -154,7 +154,7 @@ python3 "$shown" "$work/readme.md" '--duration 30=--duration 10' >"$work/readme.
 background run "$apc" run experiments/first-order.conf --no-ui --out "$work/ran" --store "sqlite:$work/live.db" --duration 0
 export APC_STORE=sqlite:$work/live.db
 until_true 30 "$apc" set r 10
-{ typed README.md apc '## Your own' && typed docs/cli.md apc '## While it runs'; } | sed "s| runs/first[0-9a-z-]*| $work/ran|; s|--at 2h|--at 2s|" >"$work/typed"
+{ typed README.md apc '## Your own' && typed docs/cli.md apc '## While it runs'; } | sed "s| runs/first[0-9a-z-]*| $work/ran|; s#--at 2h#--at 2s#; s#--from 2h#--from 2s#" >"$work/typed"
 [ "$(wc -l <"$work/typed")" -ge 15 ] || fail "only these are typed: $(cat "$work/typed")"
 while IFS= read -r line; do
   status=0
