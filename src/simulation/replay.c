@@ -302,11 +302,16 @@ static bool first_difference(const struct apc_controller *c, const double *recor
     return false;
 }
 
+static double told_time(const struct replay *r, apc_ns time)
+{
+    return apc_ns_to_s(time - (r->of_store ? r->began : r->start));
+}
+
 static void compare_outputs(struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
                             const double *row)
 {
     const struct apc_controller *c = rc->core;
-    const double t = apc_ns_to_s(at->time - r->start);
+    const double t = told_time(r, at->time);
     for (size_t i = 0; i < c->dim.nu; i++) {
         const size_t loop = (size_t)rc->of->first_loop - 1 + i;
         const double recorded = row[c->offset[APC_TICK_U] + i], apart = fabs(c->u[i] - recorded);
@@ -421,11 +426,22 @@ static bool begins_later(const struct replay_controller *rc, const double *row,
            replay_same_bits(row[at[APC_TICK_MARK]], rc->core->row[at[APC_TICK_MARK]]);
 }
 
-/* Tick @p k of the record, of a controller that lived on or, where that gives another row, was started anew. */
-static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
+static int start_tick_anew(struct replay *r, struct replay_controller *rc, const struct tick_row *at,
+                           const double *row, const struct tick_row *former, struct apc_notice *notice)
+{
+    const int err = replay_start_controller(r, rc, former, at[-1].time);
+    if (err < 0)
+        return err;
+    (void)replay_give_tick(r, rc, at, row);
+    replay_compute_tick(rc, row, notice);
+    return 0;
+}
+
+int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
 {
     const struct tick_row *at = &rc->ticks.at[k], *former = k > 0 ? at - 1 : NULL;
     const double *row = rc->ticks.value + at->first;
+    const bool judged = at->time >= r->since;
     char text[REPLAY_TEXT] = "";
     struct apc_notice notice;
     const struct apc_sample *missing = replay_give_tick(r, rc, at, row);
@@ -433,25 +449,32 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     bool same = replay_is_made(rc->core, row);
     int err = 0;
 
-    if (!same && !r->other_law && begins_later(rc, row, missing))
-        rc->begins = at->time;
+    const bool begins = !same && !r->other_law && begins_later(rc, row, missing);
+    if (begins)
+        rc->begins = rc->begins ? rc->begins : at->time;
     else if (!same)
         replay_tell_difference(r, rc, at, row, missing, text);
     if (!same && !r->other_law && former) {
-        if ((err = replay_start_controller(r, rc, former, former->time)) < 0)
+        if ((err = start_tick_anew(r, rc, at, row, former, &notice)) < 0)
             return err;
-        (void)replay_give_tick(r, rc, at, row);
-        replay_compute_tick(rc, row, &notice);
         same = replay_is_made(rc->core, row);
-        rc->restarts += same;
+        if (!same && r->of_store) { /* or a run began that takes nothing over from the one before */
+            rc->row = NULL;
+            if ((err = start_tick_anew(r, rc, at, row, NULL, &notice)) < 0)
+                return err;
+            same = replay_is_made(rc->core, row);
+        }
+        rc->restarts += same && judged;
     }
-    if (!same && !rc->first[0])
+    if (!same && judged && !rc->first[0])
         memcpy(rc->first, text, sizeof rc->first);
-    rc->same += same;
-    compare_outputs(r, rc, at, row);
+    rc->judged += judged && !begins;
+    rc->same += same && judged;
+    if (judged)
+        compare_outputs(r, rc, at, row);
     do
-        if (r->watch.notice && notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
-            r->watch.notice(r->watch.ctx, apc_ns_to_s(at->time - r->start), notice.text);
+        if (r->watch.notice && judged && notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
+            r->watch.notice(r->watch.ctx, told_time(r, at->time), notice.text);
     while (apc_controller_noticed(rc->core, &notice));
     replay_end_tick(rc, at, row);
     return same || r->other_law ? 0 : replay_start_controller(r, rc, at, at->time);
@@ -545,6 +568,7 @@ static void compare_virtual(struct replay *r, struct replay_controller *rc, cons
         else
             rc->same++;
     }
+    rc->judged = rc->ticks.n;
 }
 
 int replay_virtual(struct replay *r)

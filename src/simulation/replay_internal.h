@@ -6,6 +6,18 @@
 #include "modules/controller.h"
 #include "simulation.h"
 
+/* Room for it; the experiment is loaded. */
+int replay_make(struct replay *r, struct apc_error *why);
+/* Samples that ticks name: what was in force when the range begins, and all in it. Of vectors the last before it,
+ * and all in it. Both return 0 or an error. */
+int replay_load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range);
+int replay_load_vectors(struct ticks *to, struct apc_store *store, enum apc_table table, int id,
+                        const struct apc_range *range);
+/* t = 0 of these ticks, as near as the least late of them says. */
+apc_ns replay_part_start(const struct controller *of, const struct ticks *ticks);
+/* Tick @k of the record, of a controller that lived on or, where that gives another row, was started anew. Returns 0
+ * or an error with a text in r->why. */
+int replay_tick(struct replay *r, struct replay_controller *rc, size_t k);
 /* A controller anew, as a daemon that is started after the row of @p former; NULL: at the beginning. Returns 0
  * or an error with a text in r->why. */
 int replay_start_controller(struct replay *r, struct replay_controller *rc, const struct tick_row *former,

@@ -10,8 +10,7 @@
 
 #define PART_INDEX 2 /* of a tick row, behind its mark: number of the tick on its controller's grid */
 
-/* What was in force when the range begins, and all in it. */
-static int load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range)
+int replay_load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range)
 {
     const struct apc_range before = {.until = range->since, .last = 1};
     int n = apc_store_variables(store, NULL, 0);
@@ -44,7 +43,7 @@ static int load_replay_record(struct replay *r, const char *dir, struct apc_erro
     int rc = ticks_open(&store, path, why);
     if (rc < 0)
         return rc;
-    rc = load_samples(r, store, &(struct apc_range){0});
+    rc = replay_load_samples(r, store, &(struct apc_range){0});
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
         rc = ticks_load(&r->controller[i].ticks, store, APC_TICK, r->e.controllers[i].number, 0);
     for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
@@ -76,8 +75,7 @@ static void compare_builds(struct replay *r, const char *dir)
     add_difference(r, "processor", was.machine, here.machine);
 }
 
-/* Room for it; the experiment is loaded. */
-static int make_replay(struct replay *r, struct apc_error *why)
+int replay_make(struct replay *r, struct apc_error *why)
 {
     r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
     r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);
@@ -94,13 +92,13 @@ static int make_replay(struct replay *r, struct apc_error *why)
 int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
                 struct apc_error *why)
 {
-    *r = (struct replay){.other_law = overrides && overrides->law};
+    *r = (struct replay){.other_law = overrides && (overrides->law || overrides->n_set > 0)};
     int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
     if (rc < 0)
         return rc;
     compare_builds(r, dir);
     r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
-    rc = make_replay(r, why);
+    rc = replay_make(r, why);
     return rc < 0 ? rc : load_replay_record(r, dir, why);
 }
 
@@ -149,8 +147,8 @@ static int load_moved_ticks(struct replay *r, const struct replay_part *part, st
     return rc;
 }
 
-static int load_part_vectors(struct ticks *to, struct apc_store *store, enum apc_table table, int id,
-                             const struct apc_range *range)
+int replay_load_vectors(struct ticks *to, struct apc_store *store, enum apc_table table, int id,
+                        const struct apc_range *range)
 {
     const struct apc_range before = {.until = range->since, .last = 1};
     const int rc = ticks_add(to, store, table, id, &before);
@@ -164,18 +162,17 @@ static int load_named(struct replay *r, struct apc_store *store, const struct re
     const apc_ns off = APC_NS_PER_S;
     const struct apc_range range = {.since = ticks->at[0].time - off,
                                     .until = ticks->at[ticks->n - 1].time + off};
-    int rc = load_samples(r, store, &range);
+    int rc = replay_load_samples(r, store, &range);
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
         if (&r->controller[i] != moved)
-            rc = load_part_vectors(&r->controller[i].ticks, store, APC_TICK, r->controller[i].of->number,
-                                   &range);
+            rc = replay_load_vectors(&r->controller[i].ticks, store, APC_TICK, r->controller[i].of->number,
+                                     &range);
     for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
-        rc = load_part_vectors(&r->plan[k], store, APC_PLAN, (int)k + 1, &range);
+        rc = replay_load_vectors(&r->plan[k], store, APC_PLAN, (int)k + 1, &range);
     return rc;
 }
 
-/* t = 0 of those ticks, as near as the least late of them says. */
-static apc_ns part_start(const struct controller *of, const struct ticks *ticks)
+apc_ns replay_part_start(const struct controller *of, const struct ticks *ticks)
 {
     apc_ns start = INT64_MAX;
     for (size_t k = 0; k < ticks->n; k++) {
@@ -192,7 +189,7 @@ int replay_load_part(struct replay *r, const struct replay_part *part, struct ap
     *r = (struct replay){.of_store = !part->simulated};
     int rc = load_catalogue(r, part, why);
     if (rc == 0)
-        rc = make_replay(r, why);
+        rc = replay_make(r, why);
     if (rc < 0)
         return rc;
     struct replay_controller *moved = NULL;
@@ -202,7 +199,7 @@ int replay_load_part(struct replay *r, const struct replay_part *part, struct ap
     if (moved)
         rc = load_moved_ticks(r, part, moved);
     if (moved && moved->ticks.n > 0 && rc == 0) {
-        r->start = part->simulated ? SIMULATION_BEGIN : part_start(moved->of, &moved->ticks);
+        r->start = part->simulated ? SIMULATION_BEGIN : replay_part_start(moved->of, &moved->ticks);
         rc = load_named(r, part->store, moved);
     }
     return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(part->store))

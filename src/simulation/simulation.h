@@ -178,8 +178,11 @@ struct replay_controller {
     const struct controller *of;
     struct apc_controller *core;
     struct ticks ticks; /* recorded */
+    uint64_t judged;    /* ticks that were compared, but for that of `begins` */
     uint64_t same;      /* ticks at which all of the row came out again */
-    uint64_t restarts;  /* found by what came out: it went on from its stored row */
+    uint64_t
+        others; /* of a store: rows of another law, other settings or another model, which are not replayed */
+    uint64_t restarts; /* found by what came out: it went on from its stored row */
     apc_ns begins; /* of the first tick, where what it went on from is not on record any more; 0: all are */
     char first[REPLAY_TEXT]; /* which tick is the first that differs, and why; "": none does */
     struct apc_now now;      /* of the tick before */
@@ -208,7 +211,8 @@ struct replay {
     struct apc_sample lost; /* the last plan that is not on record */
     apc_ns start;           /* t = 0 in the record */
     bool other_law;
-    bool of_store;  /* a part of its record, in real time, for why_find(): its texts say UTC */
+    apc_ns since, began; /* ticks before it are computed and not judged; of a store: t = 0 of what is told */
+    bool of_store;       /* a part of its record, in real time, for why_find(): its texts say UTC */
     apc_ns give_up; /* why_find() has no answer when the monotonic clock is past it; 0: it takes its time */
     bool more;      /* and there may be older ticks than those that were taken */
     char other_build[150]; /* what made the run, where it was not this one; "": it was, or nobody knows */
@@ -232,6 +236,17 @@ struct replay_part {
 /* The same of that part, for why_find(), with the experiment that was simulated, or as the store's catalogue has it,
  * and had it then where it keeps former ones. */
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why);
+/* Instead: ticks that a store holds, whatever their number, over restarts and changes of tuning and mode. */
+struct replay_range {
+    struct apc_store *store;
+    apc_ns since, until;                          /* UTC; the experiment is that of the end */
+    apc_ns window;                                /* of so much the rows are in memory at once */
+    const char *controller;                       /* NULL: all */
+    const struct experiment_overrides *overrides; /* a law, settings: its own tuning holds; NULL: what ran */
+};
+/* Returns 0 or why it ended; replay_free() in either case. Times of @watch are since @of->since. */
+int replay_store(struct replay *r, const struct replay_range *of, const struct replay_watch *watch,
+                 struct apc_error *why);
 /* A time of the record, for people. */
 const char *replay_time(const struct replay *r, apc_ns time, char text[APC_TIME_LEN]);
 /* Once. Returns 0 or why it ended, with a text in r->why. */

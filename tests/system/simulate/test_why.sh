@@ -114,6 +114,14 @@ for answer in folder, store:
 assert folder == store
 END
   grep -q '^20.*  .*: r: 5 -> 8$' store.txt || fail "who wrote it is not told: $(cat store.txt)"
+  # The store's ticks are those of the folder, and come out as they do there.
+  # Promise(simulation/replay-store)
+  "$apc" replay --store "$store" >season.txt || fail "$folder: its store does not come out: $(cat season.txt)"
+  grep -Eq '^controller: ([0-9]{2,}) of \1 ticks' season.txt || fail "$folder: not all of its ticks come out: $(cat season.txt)"
+  expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay --store "$store" --since "$then" --until "$utc" --tolerance 0
+  expect 1 'differs by .* more than 0' "$apc" replay --store "$store" --set controller.Kp=0.5 --tolerance 0
+  expect 1 'no ticks are on record in that time' "$apc" replay --store "$store" --until 2000-01-01
+  expect 1 'there is no controller "base"' "$apc" replay --store "$store" --controller base
   # A second of the run is the same instant of its store, wherever that is.
   # Promise(run/at-time-shows)
   "$apc" why "u@$at" --over 0.3 --store "$folder" >second.txt || fail "$folder: a second of a run is no time"
@@ -131,6 +139,18 @@ cp history.db eventless.db
 sqlite3 eventless.db "DELETE FROM event WHERE kind = 'operator'"
 "$apc" why "u@$utc" --over 0.3 --store "sqlite:$work/eventless.db" >eventless.txt
 grep -q '^20.*  .*: r = 8$' eventless.txt || fail "without its event a write is a name alone: $(cat eventless.txt)"
+# A row that was altered is named; the ticks of a run that follows in the same store come out too.
+# Promise(simulation/replay-store)
+cp history.db altered.db
+sqlite3 altered.db "UPDATE sample SET value = 8.5 WHERE variable & 15 = 3 AND value = 8"
+expect 1 '^controller: the first that differs: tick .*: u was .* its record is damaged' "$apc" replay --store "sqlite:$work/altered.db"
+env -u APC_STORE "$apc" run fast.conf --duration 3 --no-ui --out second --history "sqlite:$work/history.db" >second.log 2>&1 || fail "no second run: $(cat second.log)"
+"$apc" replay --store "sqlite:$work/history.db" >both.txt || fail "two runs do not come out: $(cat both.txt)"
+python3 - <<'END' || fail "not the ticks of both runs: $(cat season.txt both.txt)"
+import re
+ticks = [int(re.search(r"(\d+) of \1 ticks", open(file).read())[1]) for file in ("season.txt", "both.txt")]
+assert ticks[0] + 10 < ticks[1] < ticks[0] + 20, ticks
+END
 refused 1 'there is no loop "v"' "v@$utc" --store "sqlite:$work/history.db"
 refused 1 'no tick until then' u@2000-01-01 --store "sqlite:$work/history.db"
 refused 2 'must be a time, as 2026-01-31T12:00:00Z' u@noon --store "sqlite:$work/history.db"
@@ -143,6 +163,9 @@ sed 's/law = "pi"/law = "pid"/' fast.conf >other.conf
 "$apc" init other.conf --force --store "$database" >/dev/null
 "$apc" why "u@$utc" --over 0.3 --store "$database" >again.txt
 cmp store.txt again.txt || fail "a move is not explained by the experiment of then: $(cat again.txt)"
+# Promise(simulation/replay-store)
+expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay --store "$database" --until "$utc"
+expect 1 'ticks are of another law, other settings or another model' "$apc" replay --store "$database"
 refused 1 'its law, its settings or its model are not those that ran' u --store "$database"
 
 # ---- The instant of a run in seconds since its start, for who asks after the folder of the run.

@@ -638,6 +638,54 @@ static void a_store_tells_what_the_folder_of_its_run_does(void **state)
     }
 }
 
+/*
+ * Promise(simulation/replay-store): The ticks of a store come out again bit for bit whatever part of them is in memory at
+ *   once; where one was altered, it is named.
+ */
+static void the_ticks_of_a_store_come_out_window_by_window(void **state)
+{
+    static const struct {
+        const char *name;
+        double duration, window;
+    } of[] = {{"first-order", 200, 1e6},
+              {"first-order", 200, 17},
+              {"two-layers", 250, 31},
+              {"quadruple-tank-mpc", 150, 20},
+              {"adiabatic-cstr-nmpc", 90, 40}};
+    const struct replay_watch nobody = {.ctx = NULL};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct experiment e;
+        struct simulation s;
+        struct replay season;
+        struct replay_range range = {.since = SIMULATION_BEGIN};
+        load_experiment(&e, of[i].name, "");
+        assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
+        assert_int_equal(simulation_run(&s, of[i].duration), 0);
+        assert_int_equal(provision(s.store, &e, PROVISION_KEEP), 0);
+        range.store = s.store;
+        range.until = range.since + (apc_ns)(of[i].duration * 1e9);
+        assert_int_equal(apc_ns_from_s(of[i].window, &range.window), 0);
+        if (replay_store(&season, &range, &nobody, &why) < 0)
+            fail_msg("%s: %s", of[i].name, why.text);
+        for (size_t k = 0; k < e.n_controllers; k++) {
+            const struct replay_controller *c = &season.controller[k];
+            const double ticks = of[i].duration / apc_ns_to_s(e.controllers[k].rhythm.period);
+            if (c->first[0] || c->same != c->judged || c->restarts || c->others ||
+                fabs((double)c->judged - ticks) > 1)
+                fail_msg("%s: %s: %llu of %llu (%g), %s", of[i].name, e.controllers[k].name,
+                         (unsigned long long)c->same, (unsigned long long)c->judged, ticks, c->first);
+        }
+        replay_free(&season);
+        range.controller = "nobody";
+        assert_int_equal(replay_store(&season, &range, &nobody, &why), APC_ENOTFOUND);
+        assert_has(why.text, "there is no controller \"nobody\"");
+        replay_free(&season);
+        simulation_destroy(&s);
+        experiment_free(&e);
+    }
+}
+
 /* A store of a run of @p name, and the question why @p loop moved at @p at. */
 static void ask_store(struct simulation *s, struct experiment *e, struct why_question *q, const char *name,
                       double at)
@@ -700,6 +748,7 @@ int main(void)
         cmocka_unit_test_teardown(a_move_begins_where_something_goes_out, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
         cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),
+        cmocka_unit_test_teardown(the_ticks_of_a_store_come_out_window_by_window, end),
         cmocka_unit_test_teardown(a_question_is_answered_in_time_or_refused, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
