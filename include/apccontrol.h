@@ -196,7 +196,8 @@ struct apc_law {
     bool estimates; /**< whole; it goes on without a measurement that is Bad, by y_status, while another is
                        not, and says itself when it no longer can */
     size_t n_tuning;
-    const struct apc_param *tuning;               /**< [n_tuning] */
+    const struct apc_param *tuning;               /**< [n_tuning]; a unit "u", "u/s", "1/u", "y" is that of
+                                                     the output, of the measurement */
     const enum apc_law_scope *scope;              /**< [n_tuning] of what each is; NULL: all of the output */
     size_t (*n_state)(const struct apc_dim *dim); /**< of an instance, without create; NULL: none */
     bool (*accepts)(const struct apc_dim *dim);   /**< the controller's dimensions; NULL: any */

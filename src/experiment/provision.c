@@ -72,6 +72,30 @@ static void name_tuning(const struct tags *t, const struct controller *law, stru
         join_names(t->of->name, of, name);
 }
 
+/* In the unit of a law's parameter "u" and "y" stand for that of its output, its measurement. */
+static void tuning_unit(const struct tags *t, struct apc_law_parameter at, const char *of,
+                        char unit[APC_TAG_LEN])
+{
+    const char *own = at.scope == APC_OF_MEASUREMENT ? t->e->y[t->of->y[at.of].at].tag.unit
+                      : at.scope == APC_OF_OUTPUT
+                          ? controllers_output(t->e, (struct controller_loop){t->of, at.of})->unit
+                          : "";
+    if (!*own)
+        own = "1";
+    if (!strcmp(of, "u") || !strcmp(of, "y"))
+        snprintf(unit, APC_TAG_LEN, "%s", own);
+    else if (!strcmp(of, "u/s"))
+        snprintf(unit, APC_TAG_LEN, "%.61s/s", own);
+    else if (!strcmp(of, "1/u"))
+        snprintf(unit, APC_TAG_LEN,
+                 strchr(own, '/')   ? "1/(%.59s)"
+                 : strcmp(own, "1") ? "1/%.61s"
+                                    : "%s",
+                 own);
+    else
+        snprintf(unit, APC_TAG_LEN, "%s", of);
+}
+
 static void add_tuning(struct tags *t, const struct controller *law)
 {
     const size_t n = apc_law_parameters(law->law, &law->dim);
@@ -83,7 +107,7 @@ static void add_tuning(struct tags *t, const struct controller *law)
         name_tuning(t, law, at, name);
         struct apc_tag *tag = add_tag(t, plain_tag(APC_TUNING, law->first_tuning + (int)k, name,
                                                    p->description ? p->description : "", p->low, p->high));
-        snprintf(tag->unit, sizeof tag->unit, "%s", p->unit ? p->unit : "");
+        tuning_unit(t, at, p->unit ? p->unit : "", tag->unit);
     }
 }
 

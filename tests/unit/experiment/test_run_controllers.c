@@ -162,6 +162,46 @@ static void the_drawings_that_come_along_name_signals_of_their_experiments(void 
     globfree(&found);
 }
 
+static void assert_units(const char *y_unit, const char *u_unit, const char *const expected[12])
+{
+    static const char *const name[] = {
+        "move_suppression", "reference_weight", "reference", "cost",    "u_min",   "u_max",
+        "du_max",           "y.weight",         "y.zone",    "y.y_min", "y.y_max", "y.service"};
+    struct experiment e;
+    struct apc_error why;
+    char text[800];
+    size_t n = 0;
+    snprintf(text, sizeof text,
+             "name = \"units\"; measurements = ( { name = \"y\"; unit = \"%s\"; } ); setpoints = ( { name = "
+             "\"r\"; } ); outputs = ( { name = \"u\"; unit = \"%s\"; low = 0.0; high = 10.0; } );\n"
+             "plant = { model = \"first-order\"; period = 0.2; }; client = { period = 0.5; };\n"
+             "controller = { law = \"mpc\"; period = 2.0; operating_point = { u = [1.0]; }; };\n",
+             y_unit, u_unit);
+    if (experiment_parse(&e, &(struct experiment_source){.file = "units.conf", .text = text}, EXPERIMENT_LAW,
+                         NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    struct apc_tag *t = provision_tags(&e, &n);
+    assert_non_null(t);
+    for (size_t i = 0; i < sizeof name / sizeof *name; i++) {
+        const struct apc_tag *tag = tag_of(t, n, APC_TUNING, 1 + (int)i);
+        assert_string_equal(tag->name, name[i]);
+        assert_string_equal(tag->unit, expected[i]);
+    }
+    free(t);
+    experiment_free(&e);
+}
+
+static void tuning_has_the_units_of_the_signals_that_it_is_for(void **state)
+{
+    (void)state;
+    assert_units("cm", "V",
+                 (const char *const[]){"1", "1", "V", "1/V", "V", "V", "V/s", "1", "cm", "cm", "cm", "1"});
+    assert_units("", "", (const char *const[]){"1", "1", "1", "1", "1", "1", "1/s", "1", "1", "1", "1", "1"});
+    assert_units("cm", "cm3/s",
+                 (const char *const[]){"1", "1", "cm3/s", "1/(cm3/s)", "cm3/s", "cm3/s", "cm3/s/s", "1", "cm",
+                                       "cm", "cm", "1"});
+}
+
 static void loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file(void **state)
 {
     struct experiment e;
@@ -635,6 +675,7 @@ int main(void)
         cmocka_unit_test(the_drawings_that_come_along_name_signals_of_their_experiments),
         cmocka_unit_test(a_law_instead_of_the_files_says_whose_it_is),
         cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
+        cmocka_unit_test(tuning_has_the_units_of_the_signals_that_it_is_for),
         cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
         cmocka_unit_test(what_the_file_says_of_its_loops_is_what_its_store_says),
         cmocka_unit_test(loops_of_a_law_that_is_not_there_are_paired_in_order),
