@@ -56,6 +56,7 @@ export class Fake {
   refuse = 0; // so many questions for history get 503
   loggedIn = true;
   stopped = false; // the controller
+  taken = false; // an operator has the setpoint, not the scheduler
   trial = false; // there is another one, in shadow
   predicts = false; // the law is predictive
   bare = false; // the plant has no variable, no loop
@@ -122,6 +123,8 @@ export class Fake {
         return t >= this.failed + HELD ? [5, "Uncertain"] : [1, "Good"];
       case "opmode.1":
         return [1, "Good"];
+      case "opmode.65555":
+        return [0, "Good"];
       default:
         return null;
     }
@@ -139,7 +142,7 @@ export class Fake {
 
   #plant() {
     const kind = this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
-    const shown = {...kind, variables: [...kind.variables, ...Array.from({length: this.more}, (_, i) => variable(`sensor.${100 + i}`, `y${100 + i}`, {period: 1, unit: "m"}))]};
+    const shown = {...kind, loops: this.taken ? kind.loops.map(one => ({...one, owner: "opmode.65555"})) : kind.loops, variables: [...kind.variables, ...(this.taken ? [variable("opmode.65555", "r.owner")] : []), ...Array.from({length: this.more}, (_, i) => variable(`sensor.${100 + i}`, `y${100 + i}`, {period: 1, unit: "m"}))]};
     const text = this.texts;
     const called = this.names && (name => `${this.names}_${name}`);
     if (called)

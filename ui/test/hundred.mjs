@@ -46,6 +46,8 @@ test("of a hundred rows those in sight are there; keys go to all of them, a sear
   await rows.first().waitFor();
   assert.ok((await rows.count()) < 60, `${await rows.count()} rows are there`);
   assert.equal(await page.locator(".rows").getAttribute("aria-rowcount"), "101");
+  const bars = await page.locator(".rows .bar").evaluateAll(all => all.map(one => one.parentElement.getBoundingClientRect().right - one.getBoundingClientRect().right));
+  assert.ok(bars.length > 0 && bars.every(room => room >= 0), `bars are cut: ${bars}`);
   await rows.first().locator("a").first().focus();
   for (const [key, row] of [["ArrowDown", "1"], ["End", "99"], ["ArrowUp", "98"], ["Home", "0"]]) {
     await page.keyboard.press(key);

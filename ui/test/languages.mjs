@@ -49,6 +49,13 @@ const cut = page => page.evaluate(() => {
   return wrong;
 });
 
+/** Buttons that touch, so that a press may mean either, but for those of one choice and of the list's narrow rows. */
+const touching = page => page.evaluate(() => {
+  const buttons = [...document.querySelectorAll("button")].filter(one => one.checkVisibility({visibilityProperty: true}) && !one.closest(".segments, .alarm-list")).map(one => [one.textContent, one.getBoundingClientRect()]);
+  const apart = (a, b) => Math.max(a.left - b.right, b.left - a.right, a.top - b.bottom, b.top - a.bottom);
+  return buttons.flatMap(([one, a], i) => buttons.slice(i + 1).filter(([, b]) => apart(a, b) < 3).map(([other]) => `${one} and ${other}`));
+});
+
 const violations = async page => {
   if (!(await page.evaluate(() => "axe" in window))) await page.evaluate(axe);
   const found = await page.evaluate(() => window.axe.run(document, {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"], resultTypes: ["violations"]}));
@@ -68,7 +75,7 @@ for (const width of [1280, 400])
     const wrong = [];
     const look = async where => {
       const english = (await said(page)).filter(text => whole.has(text) || parts.some(part => text.includes(part)));
-      for (const [what, found] of [["English", english], ["cut off", await cut(page)], ["axe", await violations(page)]]) wrong.push(...found.map(one => `${where}: ${what}: ${one}`));
+      for (const [what, found] of [["English", english], ["cut off", await cut(page)], ["touching", await touching(page)], ["axe", await violations(page)]]) wrong.push(...found.map(one => `${where}: ${what}: ${one}`));
     };
     const walk = async (what, all) => {
       for (const screen of all) {
@@ -89,6 +96,12 @@ for (const width of [1280, 400])
     await page.keyboard.press("Escape");
 
     await page.evaluate(() => (location.hash = "loop"));
+    Object.assign(fake, {taken: true, ramps: {"setpoint.1": {target: 1.5, rate: 0.01, to_go: 100}}});
+    await page.reload();
+    await page.locator(".give-back button").waitFor();
+    await page.locator(".ramp button").waitFor();
+    await look("a ramp of a setpoint that an operator took");
+    fake.ramps = {};
     for (const [found, unexplained] of [["tbody tr", false], [".complaint", true]]) {
       fake.unexplained = unexplained;
       await page.getByRole("button", {name: "Warum? u"}).click();

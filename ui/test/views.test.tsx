@@ -501,6 +501,10 @@ test("a ramp takes its time from the field beside the entry, says how long it st
   server.beat();
   await settle();
   assert.match(said(entry), /on a ramp to 7 m, 40 s to go Stop ramp/);
+  server.sample("setpoint.1", 5.123456);
+  await settle();
+  assert.match(said(".faceplate"), /setpoint 5\.12, .* SP r1 \[SP 5\.12 m, [^\]]*\] 5\.12 m/, "all decimals of a ramp's value");
+  assert.equal(one<HTMLInputElement>(field).value, "5.12");
   await type(field, "8");
   server.sample("setpoint.1", 5.5); // it moves under whoever types: no other user's change
   await settle();
@@ -512,6 +516,11 @@ test("a ramp takes its time from the field beside the entry, says how long it st
   stop.answer({error: {code: "ramp", message: "r1 is on no ramp"}}, 409);
   await settle();
   await click(button("Dismiss"));
+  server.sample("setpoint.1", 7);
+  server.control = {...server.control, ramps: {}};
+  server.beat();
+  await settle();
+  assert.match(said(".faceplate"), /setpoint 7\.?0*, .* SP r1 \[SP 7 m, [^\]]*\] 7 m/);
 });
 
 test("a great step is made only by the button that says so", async () => {

@@ -69,10 +69,10 @@ export function modesOfLoop(loop: Pick<Loop, "id">): Cell<Modes> {
   return cell;
 }
 
-/** Is it a setpoint that a loop moves now? */
-export function isRemote(ref: Ref): boolean {
+/** Is it on a ramp, or a setpoint that a loop moves now? */
+export function isMoved(ref: Ref): boolean {
   const loop = below.get(ref);
-  return loop != null && modesOfLoop(loop).value.remote?.cascade === true;
+  return control.value?.ramps[ref] != null || (loop != null && modesOfLoop(loop).value.remote?.cascade === true);
 }
 
 /** Does it go along with a controller that acts, and moves nothing itself? */
@@ -237,7 +237,11 @@ function receive(type: string, data: unknown): void {
       break;
   }
   const {control: said, history} = data as {control?: Control; history?: Behind | null};
-  if (said) replace(control, said);
+  if (said) {
+    const ramps = control.value?.ramps ?? {};
+    replace(control, said);
+    for (const ref of Object.keys(ramps)) if (!said.ramps[ref]) live(ref).value = {...live(ref).value}; // it is shown as what was written again
+  }
   if (history !== undefined) replace(behind, history);
   if (said || moded) lookAtModes();
 }

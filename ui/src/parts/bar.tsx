@@ -41,7 +41,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
     const where = beyond(now.value, low, high);
     const text =
       `${label} ${told(value, now.value)} ${unit}` +
-      (target == null ? "" : `, ${tr("value.bar.setpoint", {value: exact(target)})}`) +
+      (target == null ? "" : `, ${tr("value.bar.setpoint", {value: told(setpoint ?? "", target)})}`) +
       (band ? `, ${tr("value.bar.normal", {range: limitsText(band.low, band.high)})}` : "") +
       (where ? `, ${tr(`value.bar.${where}`, {limit: exact(where === "below" ? low : high)})}` : "") +
       `, ${tr("value.bar.scale", {low: exact(scale.low), high: exact(scale.high)})}` +

@@ -68,7 +68,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
     requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };
   /** Of what somebody has written all of it, as that is what goes out again. */
-  const said = (value: number | null): string => (variable(shown)?.period == null && !remote?.cascade ? exact(value) : told(shown, value));
+  const said = (value: number | null): string => (variable(shown)?.period == null && !remote?.cascade && !ramp ? exact(value) : told(shown, value));
   const overwrite = (): void => apply(now.seq);
 
   return (

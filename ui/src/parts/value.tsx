@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useRef} from "preact/hooks";
 import {useCell, usePainted} from "../usecell";
 import {decimalsOf, duration, exact, missing, number, written} from "../core/format";
-import {isRemote, limitsOf, live, modesOfLoop, variable} from "../core/model";
+import {isMoved, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Note} from "./shape";
@@ -14,7 +14,7 @@ import {known, tr} from "../core/texts";
  *  stands there is room for this, and exact() is in its title. */
 export function told(of: Ref, value: number | null): string {
   const decimals = decimalsOf(limitsOf(of));
-  return variable(of)?.period == null && !isRemote(of) ? written(value, decimals) : number(value, decimals);
+  return variable(of)?.period == null && !isMoved(of) ? written(value, decimals) : number(value, decimals);
 }
 
 /** All that a value says, for whoever points at it. */
