@@ -136,7 +136,16 @@ struct apc_clock {
 /** The system's own clocks. Static storage. [any] */
 APC_API const struct apc_clock *apc_clock_system(void);
 APC_API apc_ns apc_clock_mono(const struct apc_clock *clock); /**< NULL: the system's. [tick] */
-APC_API apc_ns apc_clock_utc(const struct apc_clock *clock);  /**< NULL: the system's. [tick] */
+/** NULL: the system's, or what the process follows. [tick] */
+APC_API apc_ns apc_clock_utc(const struct apc_clock *clock);
+/**
+ * From now on NULL means the UTC of @p clock, which has to stay; NULL: the system's again. For a process that looks
+ * on at a plant whose time is not the system's: apc_store_follow(). Monotonic time is nobody else's. [setup]
+ */
+APC_API void apc_clock_follow(const struct apc_clock *clock);
+/** By which a plant's silence is measured, and how long somebody waits for it: the UTC that is followed; where none
+ * is, the system's monotonic time. [tick] */
+APC_API apc_ns apc_clock_plant(void);
 /**
  * The UTC of @p utc minus the monotonic time of @p mono, as of now; NULL: the system's. It changes when the
  * wall clock steps or is slewed, and not because the caller was preempted between two readings. [tick]

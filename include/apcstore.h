@@ -577,6 +577,35 @@ APC_API int apc_store_asked(struct apc_store *store, int64_t id, char *outcome, 
  */
 APC_API int apc_store_past(struct apc_store **past, struct apc_store *store, apc_ns time,
                            struct apc_error *why);
+
+/* ---- Stores of a simulated plant -------------------------------------------------------------- */
+/**
+ * The clock of a plant that one process simulates, in a store `shm:` (also of LIVE+HISTORY). Its time goes on
+ * only while that process makes a tick. Who else writes meanwhile waits until it is made; what people write is
+ * stamped with the time of the next tick, before which it takes effect.
+ */
+struct apc_store_clock {
+    size_t size;
+    apc_ns now;     /**< UTC of the plant */
+    double asked;   /**< plant time / time; 0: it is paused; INFINITY: as fast as it goes */
+    double reached; /**< within the last second */
+    uint64_t steps; /**< ticks that are still to be made while it is paused */
+};
+/** Returns 1; 0, with zeros, where the plant is none that is simulated; or an error. [setup] */
+APC_API int apc_store_clock(struct apc_store *store, struct apc_store_clock *clock);
+/** Another speed, from 0 on, or INFINITY, and so many ticks where it is 0. Returns 0, APC_EINVAL, APC_ESTATE (the
+ * plant is none that is simulated), or an error. [setup] */
+APC_API int apc_store_set_speed(struct apc_store *store, double asked, uint64_t steps);
+/** The process's UTC becomes the store's, apc_clock_follow(), until the process ends. Returns as apc_store_clock().
+ * [setup] */
+APC_API int apc_store_follow(struct apc_store *store);
+/** For who simulates: a tick begins. Returns how many rows others have written since the last one, or an error.
+ * [setup] */
+APC_API int64_t apc_store_begin_tick(struct apc_store *store);
+/** And ends: @p now is the time of the next one. Without a tick that began: the plant is simulated from then on, and
+ * paused. Returns 0 or an error. [setup] */
+APC_API int apc_store_end_tick(struct apc_store *store, apc_ns now, double reached);
+
 /** The instant that a store shows, UTC: that of apc_store_past(), of others now. [any] */
 APC_API apc_ns apc_store_now(const struct apc_store *store);
 

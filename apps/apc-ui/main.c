@@ -11,6 +11,7 @@
 #include "apc-ui/api/api.h"
 #include "common/exitcode.h"
 #include "common/option.h"
+#include "common/storeuri.h"
 #include "common/streams.h"
 #include "experiment/experiment.h"
 
@@ -237,7 +238,7 @@ static void beat(struct ui *ui)
     json_add(&t, "{t:%.6jd", apc_clock_utc(NULL));
     pthread_mutex_lock(&ui->model.mutex);
     json_add(&t, "connected:%i, control:", ui->model.connected);
-    control_json(&ui->model, apc_clock_mono(NULL), &t);
+    control_json(&ui->model, apc_clock_plant(), &t);
     json_add(&t, "history:");
     behind_json(&ui->model, &t);
     pthread_mutex_unlock(&ui->model.mutex);
@@ -317,6 +318,7 @@ int main(int argc, char **argv)
     const char *config = ui_or_environment(o.config, "APC_CONFIG", NULL);
     if (o.start && apc_time_parse(o.start, &ui->model.plant.start) < 0)
         usage_error("--start", o.start, "a time such as 2026-01-31T12:00:00Z");
+    (void)store_follow(ui->options.store);
     block_signals(&signals);
     (void)setpriority(PRIO_PROCESS, 0, NICE);
     int rc = apc_log_create(&ui->log, STDERR_FILENO, "apc-ui", apc_log_level_parse(level));

@@ -25,6 +25,7 @@ static const struct {
     {"undo", command_undo, "take back your last write, within a minute", NULL},
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS",
      NULL},
+    {"speed", command_speed, "how fast `apc run --speed` simulates", NULL},
     {"remote", command_remote, "give a setpoint back to the controller above that moves it", NULL},
     {"promote", command_promote, "make a shadow controller the active one", NULL},
     {"watch", command_watch, "follow values as they change", NULL},

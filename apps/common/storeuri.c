@@ -18,6 +18,15 @@ int store_open(struct apc_store **store, const char *uri, const struct apc_store
     return apc_store_open(store, uri, options, why);
 }
 
+bool store_follow(const char *uri)
+{
+    struct apc_store *store = NULL;
+    const bool simulated = strncmp(uri, "shm:", 4) == 0 && apc_store_open(&store, uri, NULL, NULL) == 0 &&
+                           apc_store_follow(store) > 0;
+    apc_store_close(store);
+    return simulated;
+}
+
 bool store_is_uri(const char *text)
 {
     struct stat what;

@@ -12,6 +12,8 @@
 /* apc_store_open(), but for the memory of this very process, which no other program would see. */
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why);
+/* Is the plant of a store that is there simulated? Then the process's UTC is the plant's from now on. */
+bool store_follow(const char *uri);
 /* Is it the URI of a store, and no file? */
 bool store_is_uri(const char *text);
 /* Of LIVE+HISTORY the live store's own URI, which may be in @p room; else @p uri. */

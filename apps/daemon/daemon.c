@@ -146,6 +146,12 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     const char *named = daemon_or_environment(d->options.store, "APC_STORE");
     const char *uri = named ? store_live(named, room) : "postgresql:";
     const bool shared = !strncmp(uri, "shm:", 4); /* memory is never away for long, and then it is gone */
+    if (shared && store_follow(uri))
+        return daemon_error(
+            d, APC_EPERM,
+            "--store %s: `apc run --speed` simulates its plant, whose time is not real: a daemon "
+            "runs in real time only",
+            uri);
     const char *dir = spool && !shared ? daemon_or_environment(d->options.spool, "APC_SPOOL") : NULL;
     if (spool) { /* an outage that the process outlives is bridged in any case */
         options.spool = "";

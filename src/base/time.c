@@ -2,6 +2,7 @@
 #include "apcbase.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <time.h>
 
 static apc_ns read_system_clock(clockid_t id)
@@ -35,9 +36,29 @@ apc_ns apc_clock_mono(const struct apc_clock *clock)
     return clock ? clock->mono(clock->ctx) : system_mono(NULL);
 }
 
+/* One of the process: a time that some of its parts did not follow would be a second one. */
+static _Atomic(const struct apc_clock *) followed;
+
+void apc_clock_follow(const struct apc_clock *clock)
+{
+    atomic_store_explicit(&followed, clock, memory_order_release);
+}
+
+static const struct apc_clock *followed_clock(void)
+{
+    return atomic_load_explicit(&followed, memory_order_acquire);
+}
+
 apc_ns apc_clock_utc(const struct apc_clock *clock)
 {
+    clock = clock ? clock : followed_clock();
     return clock ? clock->utc(clock->ctx) : system_utc(NULL);
+}
+
+apc_ns apc_clock_plant(void)
+{
+    const struct apc_clock *clock = followed_clock();
+    return clock ? clock->utc(clock->ctx) : system_mono(NULL);
 }
 
 /* Of a few readings the one that took least: the others may have been interrupted half-way. */

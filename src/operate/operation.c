@@ -353,7 +353,7 @@ static int is_change_ready(const struct operation *o, struct change *c, struct a
     const bool is_known = c->ticked > 0 || !o->followed;
     if ((is_known && c->tick.seq != c->ticked) || ticks_now(o, c, store))
         return 1;
-    const bool may_wait = !o->followed && apc_clock_mono(NULL) - o->asked < change_patience(c);
+    const bool may_wait = !o->followed && apc_clock_plant() - o->asked < change_patience(c);
     return may_wait ? 0 : change_nobody(c, apc_clock_utc(NULL), why);
 }
 
@@ -364,7 +364,7 @@ int operation_ready(struct operation *o, struct apc_store *store, struct change_
     if (rc < 0)
         return fail_of_store(store, rc, why);
     if (first)
-        o->asked = apc_clock_mono(NULL);
+        o->asked = apc_clock_plant();
     for (size_t i = 0; i < o->n && rc >= 0; i++) {
         rc = is_change_ready(o, &o->change[i], store, first, why);
         ready &= rc;
@@ -546,7 +546,7 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
         return fail_of_store(store, rc, why);
     o->time = o->time > 0 ? o->time : apc_clock_utc(NULL);
     rc = put_operation(o, store, (uint32_t)rc);
-    o->begun = apc_clock_mono(NULL);
+    o->begun = apc_clock_plant();
     if (rc == APC_ECONFLICT)
         return fail_stale(o, why);
     if (rc == APC_ECONN || rc == APC_ETIMEDOUT) {
@@ -599,8 +599,9 @@ static bool wants_words(struct operation *o, struct change *c, struct apc_store 
 
 int operation_poll(struct operation *o, struct apc_store *store)
 {
+    /* Before the look: a simulated plant may get far between the two. */
+    const bool late = apc_clock_plant() - o->begun >= patience_of_operation(o);
     const int rc = operation_look(o, store);
-    const bool late = apc_clock_mono(NULL) - o->begun >= patience_of_operation(o);
     bool settled = true;
     for (size_t i = 0; i < o->n && rc == 0; i++) {
         struct change *c = &o->change[i];
@@ -615,7 +616,7 @@ int operation_poll(struct operation *o, struct apc_store *store)
 int operation_wait(const struct operation *o, struct apc_store *store, apc_ns most)
 {
     struct apc_sample *seen = calloc(o->n + 1, sizeof *seen);
-    const apc_ns left = o->begun + patience_of_operation(o) - apc_clock_mono(NULL);
+    const apc_ns left = o->begun + patience_of_operation(o) - apc_clock_plant();
     apc_ns pause = o->refused > 0 ? PAUSE : most;
     int rc = seen ? 0 : APC_ENOMEM;
     for (size_t i = 0; i < o->n && seen; i++) {

@@ -23,6 +23,15 @@ struct apc_store_config {
     bool chunks, spool_or_memory;
 };
 
+/** The clock of a plant that is simulated: words that its store shares. All are written under its writers' lock. */
+struct apc_store_pace {
+    _Atomic uint64_t now;            /* UTC; 0: the plant is none that is simulated */
+    _Atomic uint64_t asked, reached; /* doubles */
+    _Atomic uint64_t steps;          /* to be made while it is paused */
+    _Atomic uint64_t held;           /* a tick is being made */
+    _Atomic uint64_t outside;        /* rows that people's programs have written between ticks */
+};
+
 struct apc_store_ops;
 
 /** A store's own struct begins with it. */
@@ -99,6 +108,10 @@ struct apc_store_ops {
     int (*room)(struct apc_store *store, struct apc_store_room *room);  /* NULL: it has no fixed one */
     int (*plants)(struct apc_store *store, apc_plant_fn fn, void *ctx); /* NULL: it is of one plant */
     int (*restore)(struct apc_store *store, const char *from, char *kept, size_t size);
+    /* NULL: its plant is never simulated. The words, under the writers' lock until unlock() where @lock. */
+    int (*pace)(struct apc_store *store, struct apc_store_pace **words, bool lock);
+    void (*unlock)(struct apc_store *store);
+    int (*follow)(struct apc_store *store);
 };
 
 extern const struct apc_store_ops apc_postgresql_store;

@@ -564,7 +564,7 @@ static int make_store(struct simulation *s, struct apc_error *why)
         first ? apc_store_open(&s->store, s->uri, NULL, why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
     if (rc == 0 && ((rc = apc_store_init(s->store)) < 0 ||
-                    (!s->playback && (rc = apc_store_put(s->store, first, n)) < 0)))
+                    (!s->playback && !s->shared && (rc = apc_store_put(s->store, first, n)) < 0)))
         apc_fail(why, rc, "%s", apc_store_error(s->store));
     for (size_t i = 0; i < n && rc >= 0 && !s->playback; i++)
         if (first[i].table == APC_SETPOINT)
@@ -573,19 +573,14 @@ static int make_store(struct simulation *s, struct apc_error *why)
     return rc < 0 ? rc : 0;
 }
 
-int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
-{
-    return simulation_create_after(s, e, seed, NULL, why);
-}
-
-int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
-                            const struct playback *playback, struct apc_error *why)
+/* What it is apart from its store and its past is in @p s. */
+static int make_simulation(struct simulation *s, struct apc_error *why)
 {
     const struct apc_executive_options options = {.size = sizeof options, .begin = SIMULATION_BEGIN};
+    const struct experiment *e = s->e;
+    const uint64_t seed = s->seed;
     int rc;
 
-    *s = (struct simulation){.e = e, .seed = seed, .playback = playback};
-    snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
     if ((rc = apc_executive_create(&s->executive, "virtual", &options, why)) < 0)
         return rc;
     s->clock = apc_executive_clock(s->executive);
@@ -603,9 +598,30 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
     if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
         (rc = make_simulated_alarms(s, why)) < 0)
         return rc;
-    if (playback)
+    if (s->playback)
         simulation_repeat(s);
     return make_tasks(s, seed, why);
+}
+
+int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
+{
+    return simulation_create_after(s, e, seed, NULL, why);
+}
+
+int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
+                            const struct playback *playback, struct apc_error *why)
+{
+    *s = (struct simulation){.e = e, .seed = seed, .playback = playback};
+    snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
+    return make_simulation(s, why);
+}
+
+int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,
+                             struct apc_error *why)
+{
+    *s = (struct simulation){.e = e, .seed = seed, .shared = true};
+    snprintf(s->uri, sizeof s->uri, "%s", uri);
+    return make_simulation(s, why);
 }
 
 int simulation_run(struct simulation *s, double until)

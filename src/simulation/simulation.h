@@ -57,8 +57,9 @@ struct simulation {
         *playback;             /* what a run in real time did until it goes on; NULL: all is simulated */
     size_t repeated;           /* rows of it */
     struct apc_alarms *alarms; /* NULL: there are none */
-    struct apc_store *store;   /* mem:, a name of its own */
-    char uri[40];
+    struct apc_store *store;   /* mem:, a name of its own; or shm:, shared */
+    char uri[256];
+    bool shared; /* with programs of people, who write while it goes on: simulation_pace() */
 
     /* what the shells keep between two of their events */
     void *memory; /* of the arrays of numbers of inputs and outputs */
@@ -121,6 +122,17 @@ void simulation_interrupt(struct simulation *s);
  */
 typedef int simulation_take_fn(void *ctx, const struct samples *rows);
 int simulation_stream(struct simulation *s, double until, simulation_take_fn *take, void *ctx);
+/*
+ * In a store that other programs use as well (shm:), into which the experiment was put, and whose clock it becomes:
+ * simulation_create() otherwise. simulation_pace() goes on until @until at the speed that the store asks for, tick of
+ * the plant by tick. What people write takes effect at the next one, as their actions in the experiment do at that
+ * time: so the same writes at the same ticks give the same samples at any speed. @look is called every 20 ms or so;
+ * when it returns true, that is the end. Returns as simulation_run().
+ */
+#define SPEED_MOST 1000
+int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,
+                             struct apc_error *why);
+int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx), void *ctx);
 /*
  * From now on the experiment is @p e, of which those actions happen that are to come; the one before must
  * have had none to come. Both have to outlive the simulation. Controllers that are others go on as daemons do

@@ -358,7 +358,7 @@ static void end_alarm_write(struct ui *ui, struct request *r, struct order *o, e
 {
     struct text t = {0};
     const struct write ended = {.state = state, .stored = stored, .n = 1, .change = &o->change};
-    writes_end(ui->writes, o->write.key, &ended, r->fault.http ? r->fault.message : "", apc_clock_mono(NULL),
+    writes_end(ui->writes, o->write.key, &ended, r->fault.http ? r->fault.message : "", apc_clock_plant(),
                &t);
     if (r->fault.http == 0) {
         r->reply = t;

@@ -184,11 +184,11 @@ void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
     struct model *m = &ui->model;
     struct text *t = &r->reply;
     struct stream_stats stream;
-    apc_ns now = apc_clock_mono(NULL);
+    apc_ns now = apc_clock_plant();
     (void)store;
 
     stream_stats(ui->stream, &stream);
-    json_add(t, "{t:%.6jd, uptime:%.9jd", apc_clock_utc(NULL), now - ui->began);
+    json_add(t, "{t:%.6jd, uptime:%.9jd", apc_clock_utc(NULL), apc_clock_mono(NULL) - ui->began);
     pthread_mutex_lock(&m->mutex);
     tasks_json(m, now, t);
     links_json(m, now, t);
@@ -435,7 +435,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     r->type = "text/plain; version=0.0.4; charset=utf-8";
     stream_stats(ui->stream, &stream);
     pthread_mutex_lock(&m->mutex);
-    const apc_ns now = apc_clock_mono(NULL);
+    const apc_ns now = apc_clock_plant();
     task_metrics(m, t);
     link_metrics(m, now, t);
     exchange_metrics(&m->exchange, t);
@@ -495,7 +495,7 @@ void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
     (void)store;
     pthread_mutex_lock(&m->mutex);
     if (m->connected)
-        wrong = model_silent(m, apc_clock_mono(NULL), &r->reply);
+        wrong = model_silent(m, apc_clock_plant(), &r->reply);
     char full[ROOM_LEN] = "";
     const bool is_full = m->connected && model_full(m, r->session.user[0], full);
     bool ready = m->connected && wrong == 0 && !is_full;

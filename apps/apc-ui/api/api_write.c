@@ -473,7 +473,7 @@ static bool check_takers(struct ui *ui, struct request *r, struct order *o, stru
             c->tick = m->tick[by];
             c->ticked = c->tick.seq;
             c->period = plant_tick_time(&m->plant, by);
-            age = model_tick_age(m, by, apc_clock_mono(NULL));
+            age = model_tick_age(m, by, apc_clock_plant());
         }
         c->ticks = change_takes(c, age, apc_clock_utc(NULL), &why) == 0;
         known = known && c->ticks;
@@ -570,7 +570,7 @@ static int put_order(struct ui *ui, const struct request *r, struct order *o, st
     const int rc = operation_begin(&o->operation, store, why);
     if (rc == 0) {
         take_along(o, &o->operation.with);
-        duration_stats_record(&ui->stores, o->operation.begun - began);
+        duration_stats_record(&ui->stores, apc_clock_mono(NULL) - began);
     }
     operation_end(&o->operation);
     return rc;
@@ -585,7 +585,7 @@ static void end_write(struct ui *ui, struct request *r, struct order *o, enum wr
                                 .confirm = r->fault.http && !strcmp(r->fault.code, "confirm"),
                                 .n = o->write.n,
                                 .change = o->change};
-    writes_end(ui->writes, o->write.key, &ended, reason, apc_clock_mono(NULL), &t);
+    writes_end(ui->writes, o->write.key, &ended, reason, apc_clock_plant(), &t);
     if (r->fault.http == 0) {
         r->reply = t;
         return;

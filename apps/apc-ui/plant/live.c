@@ -132,7 +132,7 @@ static apc_ns moved(struct now now, apc_ns time, bool first)
 static apc_ns take_live_values(struct live *l, struct text *values)
 {
     struct model *m = &l->ui->model;
-    const struct now now = {apc_clock_mono(NULL), apc_clock_utc(NULL)};
+    const struct now now = {apc_clock_plant(), apc_clock_utc(NULL)};
     apc_ns newest = 0;
     char ref[REF_LEN];
 
@@ -174,7 +174,7 @@ static apc_ns take_live_values(struct live *l, struct text *values)
 static void settle_ticks(struct live *l)
 {
     struct model *m = &l->ui->model;
-    const struct now now = {apc_clock_mono(NULL), apc_clock_utc(NULL)};
+    const struct now now = {apc_clock_plant(), apc_clock_utc(NULL)};
     struct refusal refusal = {0};
     pthread_mutex_lock(&m->mutex);
     for (size_t i = 0; i < l->controllers && m->plant.revision == l->revision; i++)

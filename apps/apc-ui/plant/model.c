@@ -458,7 +458,7 @@ void model_state_json(struct ui *ui, struct text *t)
     stream_id(ui->stream, id); /* first: what comes meanwhile may be told twice, but is not left out */
     json_add(t, "{t:%.6jd, id:%s, store:{", apc_clock_utc(NULL), id);
     pthread_mutex_lock(&m->mutex);
-    apc_ns now = apc_clock_mono(NULL);
+    apc_ns now = apc_clock_plant();
     store_state_members(m, t);
     json_add(t, "}, values:{");
     for (size_t i = 0; i < m->plant.n; i++) {

@@ -211,7 +211,7 @@ static int take_newest_timing(void *ctx, const struct apc_timing_row *row)
         task->total[q].count += row->count;
         task->total[q].sum += row->mean * (double)row->count / 1e9;
         task->period = row->period;
-        task->heard = apc_clock_mono(NULL) - (r->started ? 0 : apc_ns_since(apc_clock_utc(NULL), row->time));
+        task->heard = apc_clock_plant() - (r->started ? 0 : apc_ns_since(apc_clock_utc(NULL), row->time));
         if (q == RUN) { /* all quantities of a window have the same */
             task->missed = row->missed;
             task->missed_total += r->started ? row->missed : 0;
@@ -227,7 +227,7 @@ static void tell_tasks(struct records *r)
 {
     struct model *m = &r->ui->model;
     struct text t = {0};
-    apc_ns now = apc_clock_mono(NULL);
+    apc_ns now = apc_clock_plant();
     json_add(&t, "{tasks:[");
     size_t empty = t.n;
     pthread_mutex_lock(&m->mutex);

@@ -107,7 +107,7 @@ static bool find_machine(struct ui *ui, struct request *r, const char *authoriza
         token = *found;
     pthread_mutex_unlock(&ui->users_mutex);
     const bool known = token.role != ROLE_NONE && user_verify(&token, secret),
-               ended = known && user_ended(&token, apc_clock_utc(NULL));
+               ended = known && user_ended(&token, apc_clock_utc(apc_clock_system()));
     bool ok =
         known && !ended && session_machine(&ui->sessions, &token, apc_clock_mono(NULL), &r->session) == 0;
     MHD_free(basic);

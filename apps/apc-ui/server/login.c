@@ -138,7 +138,7 @@ static bool verify(struct ui *ui, const struct credentials *c, struct user *foun
     static pthread_mutex_t one = PTHREAD_MUTEX_INITIALIZER;
     pthread_mutex_lock(&ui->users_mutex);
     const struct user *user = users_find(&ui->users, c->user);
-    bool known = user && !user_ended(user, apc_clock_utc(NULL));
+    bool known = user && !user_ended(user, apc_clock_utc(apc_clock_system()));
     if (known)
         *found = *user;
     pthread_mutex_unlock(&ui->users_mutex);

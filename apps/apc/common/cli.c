@@ -142,6 +142,7 @@ void cli_find_store(struct cli *cli)
     const size_t live = apc_store_live(cli->store);
     if (cli->store[live] && runstore_gone(cli->store))
         cli->store += live + 1;
+    store_follow(cli->store);
 }
 
 void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc, char **argv)

@@ -136,6 +136,7 @@ int cli_variables(const struct cli *cli, const struct cli_tags *tags, const enum
 int command_init(int argc, char **argv);
 int command_run(int argc, char **argv);
 int command_simulate(int argc, char **argv);
+int command_speed(int argc, char **argv);
 int command_check(int argc, char **argv);
 int command_replay(int argc, char **argv);
 int command_why(int argc, char **argv);

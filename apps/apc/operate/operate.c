@@ -124,13 +124,20 @@ static const char *group_of(const struct operation *o)
     return o->group && operation_is_one(o) ? o->group : NULL;
 }
 
+/* Of a plant whose time stands still nothing can be awaited. */
+static bool is_paused(struct apc_store *store)
+{
+    struct apc_store_clock clock = {.size = sizeof clock};
+    return apc_store_clock(store, &clock) > 0 && clock.asked == 0 && clock.steps == 0;
+}
+
 static int await_ready(const struct cli *cli, struct apc_store *store, struct operation *o)
 {
     struct change_fault why;
     int rc;
-    while ((rc = operation_ready(o, store, &why)) == 0)
+    while ((rc = operation_ready(o, store, &why)) == 0 && !is_paused(store))
         pause_for(PAUSE);
-    if (rc > 0)
+    if (rc >= 0)
         return EXIT_OK;
     return strcmp(why.code, "nobody") == 0 ? cli_error(cli, rc, "%s; --no-wait does in any case", why.text)
                                            : cli_store_error(cli, rc, store);
@@ -166,21 +173,26 @@ static int tell_all_changes(const struct cli *cli, const struct operation *o)
     return rc;
 }
 
-static int await_outcome(const struct cli *cli, struct apc_store *store, struct operation *o)
-{
-    int rc;
-    while ((rc = operation_poll(o, store)) == 0 && (rc = operation_wait(o, store, APC_NS_PER_S)) == 0)
-        ;
-    return rc < 0
-               ? cli_error(cli, rc, "written, but what became of it is not known: %s", apc_store_error(store))
-               : tell_all_changes(cli, o);
-}
-
-static void show_written(const struct operation *o)
+static void show_written(const struct operation *o, const char *also)
 {
     const char *group = group_of(o);
     for (size_t i = 0; i < (group ? 1 : o->n); i++)
-        show_change(o, i, group, "");
+        show_change(o, i, group, also);
+}
+
+static int await_outcome(const struct cli *cli, struct apc_store *store, struct operation *o)
+{
+    int rc;
+    while ((rc = operation_poll(o, store)) == 0 && !is_paused(store) &&
+           (rc = operation_wait(o, store, APC_NS_PER_S)) == 0)
+        ;
+    if (rc == 0) {
+        show_written(o, " (written: the simulation is paused, its next tick applies it)");
+        return EXIT_OK;
+    }
+    return rc < 0
+               ? cli_error(cli, rc, "written, but what became of it is not known: %s", apc_store_error(store))
+               : tell_all_changes(cli, o);
 }
 
 static int carry_out(const struct cli *cli, struct apc_store *store, struct operation *o)
@@ -195,7 +207,7 @@ static int carry_out(const struct cli *cli, struct apc_store *store, struct oper
                : strcmp(why.code, "confirm") == 0 ? cli_error(cli, why.err, "%s; --confirm does so", why.text)
                                                   : operate_fault(cli, &why);
     if (cli->no_wait)
-        show_written(o);
+        show_written(o, "");
     else
         rc = await_outcome(cli, store, o);
     for (size_t i = 0; i < o->with.n; i++)

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "apc/common/experiment_warnings.h"
+#include "apc/common/speed.h"
 #include "common/storeuri.h"
 #include "run.h"
 
@@ -19,7 +20,18 @@
 
 static void check_run_options(void *input, const struct argp_state *state)
 {
-    const struct run_options *o = input;
+    struct run_options *o = input;
+    struct apc_error why;
+    if (o->pace && speed_parse(o->pace, &o->speed, &why) < 0)
+        argp_error(state, "--speed %s", why.text);
+    if (o->pace && (o->timer || o->spin || o->hold_latency || o->history))
+        argp_error(
+            state,
+            "--speed: nothing runs in real time then, and the record is in the run folder: not with %s",
+            o->timer          ? "--timer"
+            : o->spin         ? "--spin"
+            : o->hold_latency ? "--hold-latency"
+                              : "--history");
     if (o->spin && o->timer && !strcmp(o->timer, "posix"))
         argp_error(state, "--spin: the executive posix cannot spin");
 }
@@ -36,6 +48,11 @@ static const struct option_spec own_options[] = {
      "Keep the record there instead of in the run folder: postgresql://host/db#schema, sqlite:FILE. It may "
      "be unavailable for a while, also at the start",
      OPTION_TEXT, AT(history)},
+    {"speed", 0, "X",
+     "Simulate all of it in this one process, X plant seconds per second, 0 (paused) to 1000, or max; `apc "
+     "speed` "
+     "changes it",
+     OPTION_TEXT, AT(pace)},
     {"timer", 't', "NAME", "Executive of all daemons: deadline (default) or posix", OPTION_TEXT, AT(timer),
      .choices = timers, .must = "be deadline or posix"},
     {"spin", 0, NULL, "The daemons spin for the last microseconds before a tick (deadline only)", OPTION_FLAG,
@@ -185,6 +202,10 @@ static void add_controller(struct run *r, const struct controller *c, const char
 static void add_daemons(struct run *r)
 {
     const struct experiment *e = &r->e;
+    if (r->options.pace) {
+        add_page(r);
+        return;
+    }
     if (r->history)
         add_child(r, &(struct child){.name = "apc-historian", .aside = true, .period = HISTORIAN_PERIOD});
     if (!e->plant.external)
@@ -332,6 +353,13 @@ static int run_experiment(struct run *r)
         cli_error(&r->cli, APC_EINVAL, "--history is the store itself: leave one of the two out");
         return APC_EINVAL;
     }
+    if (r->options.pace && r->cli.store) {
+        cli_error(
+            &r->cli, APC_EINVAL,
+            "--speed: a simulated plant has a store of its own, in memory, which no daemon may use: leave "
+            "--store and APC_STORE out");
+        return APC_EINVAL;
+    }
     warn(&r->cli, &r->e);
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
@@ -363,6 +391,13 @@ static int run_experiment(struct run *r)
     printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");
     if (r->page[0])
         printf("page:    http://%s/\n", r->page);
+    if (r->options.pace) {
+        run_simulated(r, &signals);
+        if (supervisor_stop(&r->daemons, &why) < 0 && !r->failure.text[0])
+            r->failure = why;
+        unblock(&signals);
+        return run_finish(r);
+    }
     rc = live_start(&r->live, r->cli.store, &r->e, r->start, r->begin, r->e.duration);
     if (rc < 0)
         apc_fail(&r->failure, rc, "the live line could not be started: %s", apc_err_text(rc));

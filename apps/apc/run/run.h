@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What one `apc run` is, shared by its files: run.c (the daemons), run_prepare.c (before), run_finish.c
- * (after). */
+/* What one `apc run` is, shared by its files: run.c (the daemons), run_simulated.c (what is there instead of
+ * them), run_prepare.c (before), run_finish.c (after). */
 #ifndef APC_RUN_H
 #define APC_RUN_H
 
 #include <limits.h>
+#include <signal.h>
 
 #include "apc/common/cli.h"
 #include "apc/folder/segment.h"
@@ -18,6 +19,8 @@ struct run_options {
     double duration; /* s; < 0: the file's */
     const char *out, *timer, *history;
     bool spin, hold_latency, no_ui, force;
+    const char *pace; /* --speed; NULL: in real time, with daemons */
+    double speed;
     struct experiment_overrides overrides;
 };
 
@@ -61,6 +64,11 @@ int run_keep_folder(struct run *r);
 void run_discard(const struct run *r);
 /* Both in one, if the live store is memory; else the store. */
 const char *run_store(const struct run *r);
+
+/* ---- run_simulated.c */
+
+/* Until the end, a signal, or a failure, which is in r->failure. */
+void run_simulated(struct run *r, const sigset_t *signals);
 
 /* ---- run_finish.c */
 

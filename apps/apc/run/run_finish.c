@@ -135,7 +135,7 @@ static int leave_run_report(struct run *r)
     struct control control = {0};
     /* By how much the wall clock stepped meanwhile: samples before it and after it both belong to the run. */
     apc_ns step = apc_clock_offset(NULL, NULL) - (r->start - r->begin);
-    if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
+    if (r->options.pace || (step > -APC_NS_PER_S && step < APC_NS_PER_S))
         step = 0;
     apc_ns since = r->start + (step < 0 ? step : 0), until = r->start + ran(r) + (step > 0 ? step : 0);
     struct cli cli = r->cli;
@@ -145,7 +145,8 @@ static int leave_run_report(struct run *r)
         return rc;
     int drained = patiently(r, drain, since, until, &why);
     rc = drained == APC_EPROTO ? 0 : drained; /* what is damaged is no reason not to give the rest */
-    if (rc >= 0 && (rc = judge_run(r, since, until, &control)) < 0)
+    control.ever = r->options.pace;
+    if (rc >= 0 && !r->options.pace && (rc = judge_run(r, since, until, &control)) < 0)
         apc_fail(&why, rc, "%s", apc_store_error(r->store));
     if (rc >= 0)
         record_failure(r, until);

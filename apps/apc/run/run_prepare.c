@@ -8,6 +8,7 @@
 #include "apc/folder/folder.h"
 #include "common/storeuri.h"
 #include "run.h"
+#include "simulation/simulation.h"
 
 /* It may be described anew when it is this experiment's. */
 static int check_store(struct run *r, struct apc_store *store, const char *uri)
@@ -99,6 +100,12 @@ int run_prepare_store(struct run *r)
         return rc;
     rc = cli_init(&r->cli, r->store);
     if (rc < 0) {
+        cli_store_error(&r->cli, rc, r->store);
+        return rc;
+    }
+    if (r->options.pace && ((rc = apc_store_end_tick(r->store, SIMULATION_BEGIN, 0)) < 0 ||
+                            (rc = apc_store_set_speed(r->store, r->options.speed, 0)) < 0 ||
+                            (rc = apc_store_follow(r->store)) < 0)) {
         cli_store_error(&r->cli, rc, r->store);
         return rc;
     }
@@ -202,7 +209,9 @@ static struct folder_metadata metadata_of(struct run *r)
     snprintf(r->live_name, sizeof r->live_name, "%.*s", (int)strcspn(r->cli.store, "?"), r->cli.store);
     gethostname(r->host, sizeof r->host - 1);
     return (struct folder_metadata){.by = "apc run",
-                                    .timer = r->options.timer ? r->options.timer : "deadline",
+                                    .timer = r->options.pace    ? "virtual"
+                                             : r->options.timer ? r->options.timer
+                                                                : "deadline",
                                     .store = r->store_name,
                                     .live = r->history ? r->live_name : NULL,
                                     .host = r->host,
@@ -215,6 +224,10 @@ int run_keep_folder(struct run *r)
     struct apc_error why;
     r->start = (apc_clock_utc(NULL) + RUN_LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
     r->begin = r->start - apc_clock_offset(NULL, NULL);
+    if (r->options.pace) {
+        r->start = SIMULATION_BEGIN;
+        r->begin = 0;
+    }
     r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
     snprintf(r->config, sizeof r->config, "%s/run.conf", r->dir);
     const struct folder_metadata metadata = metadata_of(r);

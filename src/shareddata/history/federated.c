@@ -565,6 +565,27 @@ static int federated_room(struct apc_store *store, struct apc_store_room *room)
     LIVE(store, apc_store_room(live, room));
 }
 
+/* The live store's. */
+static int federated_pace(struct apc_store *store, struct apc_store_pace **words, bool lock)
+{
+    *words = NULL;
+    if (!federated_of(store)->live->ops->pace) {
+        return 0;
+    }
+    LIVE(store, live->ops->pace(live, words, lock));
+}
+
+static void federated_unlock(struct apc_store *store)
+{
+    struct apc_store *live = federated_of(store)->live;
+    live->ops->unlock(live);
+}
+
+static int federated_follow(struct apc_store *store)
+{
+    LIVE(store, live->ops->follow(live));
+}
+
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 static void federated_close(struct apc_store *store)
@@ -609,6 +630,9 @@ static const struct apc_store_ops federated_store = {
     .claimed = federated_number_of_claim,
     .behind = behind_of,
     .room = federated_room,
+    .pace = federated_pace,
+    .unlock = federated_unlock,
+    .follow = federated_follow,
     .init = federated_init,
     .maintain = federated_maintain,
 };

@@ -320,4 +320,7 @@ const struct apc_store_ops apc_shm_store = {
     .init = apc_shm_init,
     .maintain = apc_shm_maintain,
     .room = apc_shm_room,
+    .pace = apc_shm_pace,
+    .unlock = apc_shm_unlock_pace,
+    .follow = apc_shm_follow,
 };

@@ -3,7 +3,7 @@
  * The store in shared memory, shared by its files: shm_segment.c (what the segment is: made, checked,
  * mapped), shm_write.c (the writers' lock, transactions, recovery), shm.c (samples), shm_rows.c (history,
  * events, timing, housekeeping), shm_catalogue.c (tags, catalogue, authors), shm_vectors.c (vectors),
- * shm_claim.c.
+ * shm_claim.c, shm_clock.c (of a simulated plant).
  *
  * One segment, /dev/shm/apc.NAME
  * ------------------------------
@@ -122,6 +122,7 @@ struct apc_shm_header {
     apc_word lacking;                 /* the variable of that one, until a row of it is written; or 0 */
     _Alignas(64) pthread_mutex_t writer;
     _Atomic uint32_t waiting; /* the tick that someone may sleep on, or 0 */
+    struct apc_store_pace pace;
     _Alignas(64) struct apc_shm_meta meta;
     apc_word tags_mark[2], n_tags[2], revision[2], text_length[2]; /* tags and catalogue have one mark */
     apc_word authors; /* so many names, which stay: it is stored after the name */
@@ -289,6 +290,10 @@ struct apc_shm_write {
 
 /** Take the writers' lock, before the timeout. */
 int apc_shm_lock(struct apc_shm *shm);
+/** The clock of a simulated plant (shareddata_internal.h). */
+int apc_shm_pace(struct apc_store *store, struct apc_store_pace **words, bool lock);
+void apc_shm_unlock_pace(struct apc_store *store);
+int apc_shm_follow(struct apc_store *store);
 void apc_shm_unlock(struct apc_shm *shm);
 
 int apc_shm_begin(struct apc_shm *shm, struct apc_shm_write *w);

@@ -23,7 +23,7 @@
 #include "shareddata/shm/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         13
+#define LAYOUT         14
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
@@ -155,6 +155,8 @@ static int make_mutex(pthread_mutex_t *mutex)
     int e = pthread_mutexattr_setpshared(&attr, PTHREAD_PROCESS_SHARED);
     e = e ? e : pthread_mutexattr_setrobust(&attr, PTHREAD_MUTEX_ROBUST);
     e = e ? e : pthread_mutexattr_setprotocol(&attr, PTHREAD_PRIO_INHERIT);
+    e = e ? e
+          : pthread_mutexattr_settype(&attr, PTHREAD_MUTEX_RECURSIVE); /* who simulates holds it for a tick */
     e = e ? e : pthread_mutex_init(mutex, &attr);
     pthread_mutexattr_destroy(&attr);
     return e ? APC_ESYS : 0;

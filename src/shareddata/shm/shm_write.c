@@ -349,12 +349,12 @@ static bool sample_ring_holds(const struct apc_shm *shm, const struct apc_shm_sl
 }
 
 /* Field by field: to copy a struct that was just filled in costs more than all the rest. */
-static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
+static void put_words(struct apc_shm_cell *c, const struct apc_sample *s, apc_ns time)
 {
     uint64_t value;
     memcpy(&value, &s->value, sizeof value);
     apc_word_put(&c->seq, (uint64_t)s->seq);
-    apc_word_put(&c->time, (uint64_t)apc_time_stored(s->time));
+    apc_word_put(&c->time, (uint64_t)apc_time_stored(time));
     apc_word_put(&c->value, value);
     apc_word_put(&c->origin, (uint64_t)s->origin);
     apc_word_put(&c->status, (uint64_t)s->author << 32 | s->status);
@@ -362,7 +362,7 @@ static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
 
 /* Into the ring behind its head. */
 static int put_sample_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, struct version *v,
-                           const struct apc_sample *s)
+                           const struct apc_sample *s, apc_ns time)
 {
     const uint64_t capacity = apc_shm_capacity(v->extents);
     if (v->head >= apc_shm_shown(capacity) && v->head <= capacity &&
@@ -376,12 +376,23 @@ static int put_sample_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, s
     }
     apc_word_put(&cell->mark, 0);
     atomic_thread_fence(memory_order_release);
-    put_words(cell, s);
+    put_words(cell, s, time);
     apc_word_put(&cell->mark, ++v->head);
     __builtin_prefetch(cell + 1, 1); /* the next one's: it has long gone from the caches */
     const uint64_t shown = apc_shm_shown(apc_shm_capacity(v->extents));
     v->kept = v->kept < shown ? v->kept + 1 : shown;
     return 0;
+}
+
+/* What people write to a simulated plant takes effect at its next tick. */
+static apc_ns time_of_row(struct apc_shm_header *h, const struct apc_sample *s)
+{
+    const uint64_t now = apc_word_get(&h->pace.now);
+    if (now == 0 || apc_word_get(&h->pace.held) != 0 || !apc_table_shared(s->table)) {
+        return s->time;
+    }
+    apc_word_put(&h->pace.outside, apc_word_get(&h->pace.outside) + 1);
+    return (apc_ns)now;
 }
 
 int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint)
@@ -399,13 +410,14 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
             return 0;
         }
     }
-    int err = put_sample_cell(w, slot, &v, s);
+    const apc_ns time = time_of_row(w->shm->header, s);
+    int err = put_sample_cell(w, slot, &v, s, time);
     if (err) {
         return err;
     }
     struct apc_shm_cell *to = &slot->version[apc_shm_version(w, slot->mark, &from)];
     if ((uint64_t)s->seq > v.seq) {
-        put_words(to, s);
+        put_words(to, s, time);
     } else if (to != &slot->version[from]) { /* a late one: the newest stays */
         uint64_t words[8];
         apc_words_get(words, &slot->version[from].mark, 8);

@@ -1,0 +1,81 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc speed: how fast the plant of `apc run --speed` is simulated. */
+#include <stdio.h>
+#include <string.h>
+
+#include "apc/common/speed.h"
+#include "files/files.h"
+#include "operate.h"
+
+static const struct cli_spec spec = {
+    .args_doc = "[X | pause | max | step [N]]",
+    .doc = "Show or change how fast the plant of `apc run --speed` is simulated: X plant seconds per second, "
+           "from 0 "
+           "to 1000, or as fast as the machine can. `pause` is 0; `step` makes the next N ticks of a paused "
+           "plant "
+           "(1). A speed that the machine cannot hold shows as a lower one that was reached.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .min_args = 0,
+    .max_args = 2,
+};
+
+static int show_speed(const struct cli *cli, struct apc_store *store)
+{
+    struct apc_store_clock clock = {.size = sizeof clock};
+    char asked[SPEED_TEXT], time[APC_TIME_LEN];
+    const int rc = apc_store_clock(store, &clock);
+    if (rc < 0)
+        return cli_store_error(cli, rc, store);
+    if (rc == 0)
+        return cli_error(cli, APC_ESTATE, "the plant is not simulated: its time is real");
+    if (cli->format == CLI_JSON) {
+        struct text t = {.out = stdout};
+        json_add(&t, "{t:%.6jd, asked:%g, reached:%g, steps:%ju}\n", clock.now, clock.asked, clock.reached,
+                 (uintmax_t)clock.steps);
+    } else {
+        printf("%s  asked %s  reached %.1f x\n", apc_time_format(clock.now, time),
+               speed_text(clock.asked, asked), clock.reached);
+    }
+    return EXIT_OK;
+}
+
+/* What the arguments ask for. */
+static int read_wish(const struct cli *cli, double *speed, uint64_t *steps)
+{
+    struct apc_error why;
+    const char *first = cli->args[0];
+    const bool step = !strcmp(first, "step");
+    double n = 1;
+    if (cli->n_args > 1 && (!step || apc_number_parse(cli->args[1], &n) < 0 || !(n >= 1 && n <= 1e9) ||
+                            n != (double)(uint64_t)n))
+        return cli_usage(cli,
+                         step ? "step \"%s\": must be a whole number of ticks, 1 to 1000000000"
+                              : "unexpected argument \"%s\"",
+                         cli->args[1]);
+    *steps = step ? (uint64_t)n : 0;
+    *speed = 0;
+    if (step || !strcmp(first, "pause"))
+        return EXIT_OK;
+    return speed_parse(first, speed, &why) < 0 ? cli_usage(cli, "%s", why.text) : EXIT_OK;
+}
+
+int command_speed(int argc, char **argv)
+{
+    struct apc_store *store = NULL;
+    struct cli cli;
+    double speed = 0;
+    uint64_t steps = 0;
+
+    cli_parse(&cli, &spec, NULL, argc, argv);
+    int rc = cli.n_args > 0 ? read_wish(&cli, &speed, &steps) : EXIT_OK;
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_open(&cli, &store));
+    if (rc == EXIT_OK && cli.n_args > 0) {
+        const int err = apc_store_set_speed(store, speed, steps);
+        rc = err < 0 ? cli_store_error(&cli, err, store) : EXIT_OK;
+    }
+    if (rc == EXIT_OK && cli.n_args == 0)
+        rc = show_speed(&cli, store);
+    apc_store_close(store);
+    return cli_done(&cli, rc);
+}

@@ -1,0 +1,104 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What there is instead of the daemons of `apc run --speed`: this process simulates them, and keeps the record. */
+#include <math.h>
+#include <stdio.h>
+#include <unistd.h>
+
+#include "apc/common/speed.h"
+#include "common/storeuri.h"
+#include "run.h"
+#include "simulation/simulation.h"
+
+#define SAY_EVERY    (5 * APC_NS_PER_S) /* where stdout is no terminal */
+#define RECORD_EVERY (APC_NS_PER_S / 2)
+#define RECORD_SHARE 4 /* of what the store in memory holds */
+
+struct simulated_run {
+    struct run *r;
+    const sigset_t *signals;
+    struct simulation s;
+    struct apc_store *history;
+    struct apc_replication *record;
+    apc_ns said, checked, recorded; /* monotonic */
+    double recorded_t;
+    bool terminal;
+};
+
+static bool fail_simulated(struct simulated_run *v, int rc, const char *what, const char *why)
+{
+    apc_fail(&v->r->failure, rc, "%s%s", what, why);
+    return true;
+}
+
+static void say_time(const struct simulated_run *v)
+{
+    struct apc_store_clock clock = {.size = sizeof clock};
+    char asked[SPEED_TEXT];
+    (void)apc_store_clock(v->s.store, &clock);
+    printf("%s%9.1f s  simulation: asked %s, reached %.1f x%s", v->terminal ? "\r" : "", v->s.ended,
+           speed_text(clock.asked, asked), clock.reached, v->terminal ? "      " : "\n");
+    fflush(stdout);
+}
+
+/* The store in memory forgets: what is to be forgotten is in the record before. True: it cannot be kept. */
+static bool keep_record(struct simulated_run *v, apc_ns now)
+{
+    const double share = v->r->segment.held / RECORD_SHARE;
+    if (now - v->recorded < RECORD_EVERY && v->s.ended - v->recorded_t < share)
+        return false;
+    const int rc = apc_replication_step(v->record, RECORD_EVERY);
+    v->recorded = now;
+    v->recorded_t = v->s.ended;
+    return rc < 0 && fail_simulated(v, rc, "the record cannot be kept: ", apc_replication_error(v->record));
+}
+
+static bool look_after(void *ctx)
+{
+    static const struct timespec at_once = {0, 0};
+    struct simulated_run *v = ctx;
+    struct run *r = v->r;
+    const apc_ns now = apc_clock_mono(NULL);
+    struct apc_error why;
+    const int signal = sigtimedwait(v->signals, NULL, &at_once);
+    if (signal > 0) {
+        printf("%sstopping (%s)\n", v->terminal ? "\n" : "", signal == SIGINT ? "Ctrl-C" : "signal");
+        return true;
+    }
+    if (now - v->checked >= SUPERVISOR_LOOK) {
+        v->checked = now;
+        (void)supervisor_check(&r->daemons, &why); /* the page alone, which stands aside */
+    }
+    if (now - v->said >= (v->terminal ? SUPERVISOR_LOOK : SAY_EVERY)) {
+        v->said = now;
+        say_time(v);
+    }
+    return keep_record(v, now);
+}
+
+static int open_record(struct simulated_run *v, struct apc_error *why)
+{
+    int rc = store_open(&v->history, v->r->history, NULL, why);
+    return rc < 0 ? rc : apc_replication_create(&v->record, v->s.store, v->history, why);
+}
+
+void run_simulated(struct run *r, const sigset_t *signals)
+{
+    const double until = r->e.duration > 0 ? r->e.duration : YEAR;
+    struct simulated_run v = {.r = r, .signals = signals, .terminal = isatty(STDOUT_FILENO)};
+    struct apc_error why;
+    int rc = simulation_create_shared(&v.s, &r->e, r->e.seed, r->cli.store, &why);
+    if (rc == 0)
+        rc = open_record(&v, &why);
+    if (rc < 0)
+        fail_simulated(&v, rc, "", why.text);
+    else if (simulation_pace(&v.s, until, look_after, &v) < 0 && !r->failure.text[0])
+        r->failure = v.s.why;
+    if (rc == 0)
+        say_time(&v);
+    (void)apc_ns_from_s(v.s.ended, &r->stopped);
+    if (v.terminal)
+        putchar('\n');
+    apc_replication_destroy(v.record);
+    apc_store_close(v.history);
+    simulation_destroy(&v.s);
+}

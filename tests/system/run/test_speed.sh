@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# `apc run --speed`: one process simulates the plant and its controllers, and people look on and operate as ever.
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+unset APC_STORE
+file=$APC_SOURCE_DIR/experiments/first-order.conf
+digest() { sha256sum <"$1" | cut -d ' ' -f 1; }
+
+# begin NAME OPTION...: a paused one of 60 s, in the folder $work/NAME; $store is its store
+begin() {
+  local name=$1
+  shift
+  "$apc" run "$file" --duration 60 --speed 0 --out "$work/$name" "$@" >"$work/$name.log" 2>&1 &
+  pid=$!
+  until_true 20 grep -q APC_STORE "$work/$name.log"
+  store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/$name.log")
+  until_true 20 "$apc" speed --store "$store"
+}
+speed() { "$apc" speed --store "$store" "$@"; }
+stands() { speed --json | grep -q '"steps":0'; }
+# at TICK: the plant stands before that one, of 0.2 s
+step_to() {
+  speed step "$1"
+  until_true 20 stands
+}
+# past SECONDS: the plant's time is
+past() { speed --json | awk -F '[:,]' -v least="$1" '{ exit !($2 - 946684800 >= least) }'; }
+# simulated ACTIONS: the digest of the simulation in which the file says what people did
+simulated() {
+  { cat "$file" && echo "actions = ( $1 );"; } >"$work/acts.conf"
+  "$apc" simulate "$work/acts.conf" --duration 60 | sed -n 's/^sha256: *//p'
+}
+
+# The same writes at the same ticks, at three speeds, are what the simulation with those actions is.
+# Promise(run/speed-digest): What people write to a simulated plant takes effect at a tick, and the same writes at the same
+#   ticks give the same samples at every speed.
+expected=$(simulated '{ at = 2.4; set = "r"; value = 12.0; }, { at = 20.0; mode = "u"; value = "Man"; },
+  { at = 20.0; set = "u"; value = 1.5; }')
+[ "$expected" != "$("$apc" simulate "$file" --duration 60 | sed -n 's/^sha256: *//p')" ] || fail "the actions change nothing"
+for x in 25 1000 max; do
+  begin "at-$x" --no-ui
+  step_to 12
+  expect 0 'written: the simulation is paused, its next tick applies it)' "$apc" set --store "$store" r 12
+  step_to 88
+  expect 0 'written: the simulation is paused' "$apc" mode --store "$store" man
+  expect 0 '' "$apc" set --store "$store" --no-wait u 1.5
+  speed $x
+  wait $pid || fail "$x: exit code $?"
+  [ "$(digest "$work/at-$x/samples.csv")" = "$expected" ] || fail "at $x the samples are others"
+  grep -q "asked $x" "$work/at-$x.log" || fail "the speed that was asked for is not said"
+  grep -q 'reached [1-9][0-9.]* x' "$work/at-$x.log" || fail "the speed that was reached is not said"
+done
+expect 0 'controller: 30 of 30 ticks the same bit for bit' "$apc" replay "$work/at-max"
+
+# A write that comes while it goes on is on record at the tick at which it took effect; the simulation with it there is the run.
+begin going
+speed 20
+until_true 20 past 5
+expect 0 'r: 10 -> 12 .applied.' "$apc" set --store "$store" r 12
+expect 0 '2000-01-01T00:00' "$apc" status --store "$store"
+page=$(sed -n 's/^page: *//p' "$work/going.log")
+until_true 20 curl -fsS -o "$work/state.json" "${page}api/state"
+grep -q '"t":9466848' "$work/state.json" || fail "the page has another time than the plant: $(head -c 100 "$work/state.json")"
+expect 4 'its plant, whose time is not real' "$APC_BIN/apc-controller" --config "$file" --store "${store%%+*}"
+speed max
+wait $pid || fail "exit code $?"
+at=$(awk -F, '$2 == "setpoint" && $5 == 12 { print $1; exit }' "$work/going/samples.csv")
+awk -v at="$at" 'BEGIN { ticks = at / 0.2; exit !(at >= 5 && ticks - int(ticks + 0.5) < 1e-6 && int(ticks + 0.5) - ticks < 1e-6) }' ||
+  fail "$at s is no tick of the plant"
+[ "$(digest "$work/going/samples.csv")" = "$(simulated "{ at = $at; set = \"r\"; value = 12.0; }")" ] ||
+  fail "the simulation with the write at $at s is another"
+
+# Mistakes
+for wrong in -1 fast 1001 nan; do
+  expect 2 'plant seconds per second, from 0 .paused. to 1000, or max' "$apc" run "$file" --speed=$wrong --out "$work/no"
+done
+expect 1 'a simulated plant has a store of its own' "$apc" run "$file" --speed 1 --store postgresql: --out "$work/no"
+expect 2 'not with --timer' "$apc" run "$file" --speed 1 --timer posix --out "$work/no"
+expect 1 'the plant is not simulated' "$apc" speed --store postgresql:
+expect 2 'must be a whole number of ticks' "$apc" speed --store postgresql: step 1.5
