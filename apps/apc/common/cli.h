@@ -32,9 +32,9 @@ struct cli {
     const char *command; /* "apc get": for messages */
     const char *store;
     const char *folder; /* of the run whose stores these are, where it was given; else NULL */
-    bool no_wait;     /* for what becomes of a write */
-    bool unnamed;     /* neither --store nor APC_STORE gave one */
-    bool store_given; /* --store did */
+    bool no_wait;       /* for what becomes of a write */
+    bool unnamed;       /* neither --store nor APC_STORE gave one */
+    bool store_given;   /* --store did */
     enum cli_format format;
     char **args; /* positional arguments */
     int n_args;
