@@ -2,10 +2,13 @@
 /* apc speed: how fast the plant of `apc run --speed` is simulated. */
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #include "apc/common/speed.h"
 #include "files/files.h"
 #include "operate.h"
+
+#define PATIENCE (10 * APC_NS_PER_S)
 
 static const struct cli_spec spec = {
     .args_doc = "[X | pause | max | step [N]]",
@@ -13,7 +16,8 @@ static const struct cli_spec spec = {
            "from 0 "
            "to 1000, or as fast as the machine can. `pause` is 0; `step` makes the next N ticks of a paused "
            "plant "
-           "(1). A speed that the machine cannot hold shows as a lower one that was reached.",
+           "(1), and returns when they are made. A speed that the machine cannot hold shows as a lower one "
+           "that was reached.",
     .takes = CLI_STORE | CLI_FORMAT,
     .min_args = 0,
     .max_args = 2,
@@ -28,6 +32,8 @@ static int show_speed(const struct cli *cli, struct apc_store *store)
         return cli_store_error(cli, rc, store);
     if (rc == 0)
         return cli_error(cli, APC_ESTATE, "the plant is not simulated: its time is real");
+    if (clock.asked == 0)
+        clock.reached = 0;
     if (cli->format == CLI_JSON) {
         struct text t = {.out = stdout};
         json_add(&t, "{t:%.6jd, asked:%g, reached:%g, steps:%ju}\n", clock.now, clock.asked, clock.reached,
@@ -37,6 +43,28 @@ static int show_speed(const struct cli *cli, struct apc_store *store)
                speed_text(clock.asked, asked), clock.reached);
     }
     return EXIT_OK;
+}
+
+/* The steps are made when this returns; a simulation that makes none for PATIENCE is waited for no longer. */
+static int wait_for_steps(const struct cli *cli, struct apc_store *store)
+{
+    struct apc_store_clock clock = {.size = sizeof clock};
+    apc_ns since = apc_clock_mono(NULL);
+    uint64_t left = 0;
+    for (;;) {
+        const int rc = apc_store_clock(store, &clock);
+        const apc_ns now = apc_clock_mono(NULL);
+        if (rc < 0)
+            return cli_store_error(cli, rc, store);
+        if (rc == 0 || clock.steps == 0 || clock.asked != 0)
+            return EXIT_OK;
+        if (clock.steps != left)
+            since = now;
+        left = clock.steps;
+        if (now - since > PATIENCE)
+            return cli_error(cli, APC_ETIMEDOUT, "no tick within 10 s: does `apc run --speed` still run?");
+        nanosleep(&(struct timespec){.tv_nsec = 2 * APC_NS_PER_MS}, NULL);
+    }
 }
 
 /* What the arguments ask for. */
@@ -74,6 +102,8 @@ int command_speed(int argc, char **argv)
         const int err = apc_store_set_speed(store, speed, steps);
         rc = err < 0 ? cli_store_error(&cli, err, store) : EXIT_OK;
     }
+    if (rc == EXIT_OK && steps > 0)
+        rc = wait_for_steps(&cli, store);
     if (rc == EXIT_OK && cli.n_args == 0)
         rc = show_speed(&cli, store);
     apc_store_close(store);
