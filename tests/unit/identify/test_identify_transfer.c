@@ -254,13 +254,14 @@ static void intervals_hold_what_they_say(void **state)
     const char *given = getenv("APC_IDENTIFY_SEEDS");
     const unsigned long seeds = given ? strtoul(given, NULL, 10) : 5;
     const double Ts = 0.1;
-    double *off = calloc(4 * seeds, sizeof *off);
+    double *off;
     unsigned long all = 0, tried = 0;
     (void)state;
 
     if (getenv("APC_SANITIZE"))
         skip(); /* over many seeds, without what takes ten times as long */
 
+    off = calloc(4 * seeds, sizeof *off);
     assert_non_null(off);
     print_message("plant              number     of %lu intervals hold it  off: median  95 %%  no estimate "
                   "can be below\n",
