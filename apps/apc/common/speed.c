@@ -10,7 +10,7 @@
 int speed_parse(const char *text, double *speed, struct apc_error *why)
 {
     if (!strcmp(text, "max")) {
-        *speed = INFINITY;
+        *speed = HUGE_VAL;
         return 0;
     }
     return apc_number_parse(text, speed) == 0 && *speed >= 0 && *speed <= SPEED_MOST
