@@ -106,9 +106,10 @@ static struct apc_store *store_of(const struct level *r)
     int64_t seq = 0;
     for (int s = 0; s < SECONDS; s++)
         if (r->masked[s] != (s > 0 && r->masked[s - 1])) { /* a little late, as a process is */
+            seq++;
             const struct apc_sample row = {.table = APC_ALARM,
                                            .id = 1,
-                                           .seq = ++seq,
+                                           .seq = seq,
                                            .time = BEGIN + s * S + S / 1000,
                                            .value = r->masked[s] ? APC_ALARM_SUPPRESSED : APC_ALARM_NORMAL,
                                            .origin = seq};
