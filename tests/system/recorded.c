@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "record/record.h"
+#include "simulation/simulation.h"
 
 static int put_file(struct apc_store *store, const char *dir, const char *name, struct apc_error *why)
 {
@@ -14,7 +15,7 @@ static int put_file(struct apc_store *store, const char *dir, const char *name, 
             struct apc_sample mine = all.at[i];
             rc = apc_store_claim_set(store, &mine, 1);
         }
-        all.at[i].time += INT64_C(946684800) * APC_NS_PER_S;
+        all.at[i].time += SIMULATION_BEGIN;
     }
     for (size_t i = 0; i < all.n && rc >= 0; i += 4096)
         rc = apc_store_append(store, &all.at[i], all.n - i < 4096 ? all.n - i : 4096);

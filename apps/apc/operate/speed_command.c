@@ -68,7 +68,7 @@ static int wait_for_steps(const struct cli *cli, struct apc_store *store)
 }
 
 /* What the arguments ask for. */
-static int read_wish(const struct cli *cli, double *speed, uint64_t *steps)
+static int read_speed_arguments(const struct cli *cli, double *speed, uint64_t *steps)
 {
     struct apc_error why;
     const char *first = cli->args[0];
@@ -95,7 +95,7 @@ int command_speed(int argc, char **argv)
     uint64_t steps = 0;
 
     cli_parse(&cli, &spec, NULL, argc, argv);
-    int rc = cli.n_args > 0 ? read_wish(&cli, &speed, &steps) : EXIT_OK;
+    int rc = cli.n_args > 0 ? read_speed_arguments(&cli, &speed, &steps) : EXIT_OK;
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK && cli.n_args > 0) {
