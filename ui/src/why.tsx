@@ -2,13 +2,12 @@
 // Why an output moved, over whatever page there is.
 import type {JSX} from "preact";
 import {useState} from "preact/hooks";
-import {get} from "./core/api";
 import {Cell} from "./core/cell";
 import {clock, fromUntil, number, span as spanText} from "./core/format";
 import {plant} from "./core/model";
 import {known, tr} from "./core/texts";
 import type {Cause, Loop, Plant, Unexplained, Why} from "./core/types";
-import {effectText, limitOf, type Part, part, query, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
+import {effectText, explain, limitOf, type Part, part, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
 import {Dialog} from "./dialog";
 import {Tag} from "./parts/tag";
 import {place} from "./router";
@@ -34,7 +33,7 @@ export function OpenWhy(): JSX.Element | null {
 function Answer({about, plant: p}: {about: Question; plant: Plant}): JSX.Element {
   const period = p.controllers.find(one => one.name === about.loop.controller)?.period ?? null;
   const [span, setSpan] = useState(spanOf(period));
-  const {answer, error} = useAnswer(() => get<Why>("/api/why", query(about, span, period)), [span]);
+  const {answer, error} = useAnswer(() => explain(about, span, period), [span]);
   const title = tr("why.of", {loop: about.loop.called});
   return (
     <Dialog label={title} close={() => (asked.value = null)}>

@@ -811,7 +811,15 @@ test("why an output moved: the causes by their effect, who wrote, and the loop a
   assert.equal(document.querySelectorAll("dialog").length, 0);
 });
 
-test("why, of an event: of the loop that it names, from then on", async () => {
+/** The question of an event: answered by the tick that begins at `from`, with what it took. */
+async function answerWhy(query: object, from: number, inputs: object[] = []) {
+  await settle();
+  const asked = env.take("/api/why");
+  assert.deepEqual(asked.query, query);
+  asked.answer({t: START, output: "u2", controller: "base", unit: "V", from, time: from + 1, before: 1, now: 2, state_before: "Auto", state: "Auto", reason: null, low: null, high: null, earlier: 0, together: 0, terms: [], inputs});
+}
+
+test("why, of an event: of the loop that it names, from the tick that took it on", async () => {
   const route = env.routes.get("/api/events")!;
   const at = server.now - 300;
   env.routes.set("/api/events", asked => asked.answer({t: server.now, events: [event(at, 1, "r2: 5 -> 6"), event(at, 1, "u1: Auto -> Man", "mode"), event(at, 1, "u2.Kp: 1 -> 2"), event(at, 1, "r2 taken Local, the scheduler stands aside"), event(at, 1, "r2: connected", "link"), event(at, 1, "r9: 1 -> 2")], more: false}));
@@ -821,7 +829,35 @@ test("why, of an event: of the loop that it names, from then on", async () => {
   assert.deepEqual([...document.querySelectorAll(".why-button")].map(one => one.getAttribute("aria-label")), ["Why? r2 taken Local, the scheduler stands aside", "Why? u2.Kp: 1 -> 2", "Why? u1: Auto -> Man", "Why? r2: 5 -> 6"]);
   await click(button("Why? r2: 5 -> 6"));
   await env.pass(0.5);
-  assert.deepEqual(env.take("/api/why").query, {output: "u2", over: "60", at: String(at + 60)});
+  // The tick was late: nominally it is before what it took.
+  const late = at - 1.3, period = 2;
+  const instant = 1e-6, took = [cause("r2", "setpoint", 5, 6, 1, {written: at + instant, author: "anna"})];
+  const look = async () => {
+    await answerWhy({output: "u2", over: "0", at: String(at + 2 * period)}, late + 1, [cause("r2", "setpoint", 6, 7, 1, {written: at + 0.5})]);
+    await answerWhy({output: "u2", over: "0", at: String(late + 1 + instant)}, late, took);
+  };
+  await look();
+  await answerWhy({output: "u2", over: "60", at: String(late + instant + 60)}, late, took);
+  await settle();
+  assert.match(said("dialog tbody"), /^r2 setpoint/);
+  await choose("dialog select", "0");
+  await env.pass(0.5);
+  await look();
+  await settle();
+  assert.match(said("dialog tbody"), /^r2 setpoint/);
+  // None took it, as of what a controller says itself.
+  await choose("dialog select", "60");
+  await env.pass(0.5);
+  for (let i = 0; i < 4; i++) await answerWhy({output: "u2", over: "0", at: String(i ? late + 1 - i + instant : at + 2 * period)}, late - i);
+  await answerWhy({output: "u2", over: "60", at: String(at + 60)}, at);
+  await settle();
+  assert.match(said("dialog"), /No input changed/);
+  // Its ticks are not there any more.
+  await choose("dialog select", "600");
+  await env.pass(0.5);
+  await settle();
+  env.take("/api/why").answer({error: {code: "replay", message: "rows were removed"}}, 422);
+  await answerWhy({output: "u2", over: "600", at: String(at + 600)}, at);
   env.routes.set("/api/events", route);
 });
 

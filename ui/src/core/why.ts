@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Why an output moved: what is asked of the server, and what its answer says to people.
+import {get} from "./api";
 import {exact, missing, number, written} from "./format";
 import {words, worth} from "./quality";
 import type {Cause, Loop, Plant, PlantEvent, Why} from "./types";
@@ -20,9 +21,29 @@ export function spanOf(period: number | null): number {
   return USUAL.find(one => one >= 2 * (period ?? 0)) ?? 3600;
 }
 
-/** The move after an event ends a span later, and not before the tick that it could reach. */
-export function query({loop, after, until}: Question, span: number, period: number | null): Record<string, string | number | null> {
-  return {output: loop.called, over: span, at: after == null ? (until ?? null) : after + Math.max(span, period ?? 0)};
+const LOOKS = 4; // ticks, around what was written
+const INSTANT = 1e-6; // s; a time as a number of seconds is no better
+
+const names = ({inputs}: Why, written: number): boolean => inputs.some(one => one.written != null && Math.abs(one.written - written) < 2 * INSTANT);
+
+/** The tick that took what was written then: a late one is nominally before it. */
+async function taking(ask: (at: number, over: number) => Promise<Why>, written: number, period: number): Promise<Why | null> {
+  let at = written + 2 * period;
+  for (let i = 0; i < LOOKS; i++) {
+    const tick = await ask(at, 0);
+    if (names(tick, written)) return tick;
+    at = tick.from + INSTANT;
+  }
+  return null;
+}
+
+/** The move after an event begins with the tick that took it, or goes to the tick that it could reach. */
+export async function explain({loop, after, until}: Question, span: number, period: number | null): Promise<Why> {
+  const ask = (at: number | null | undefined, over: number): Promise<Why> => get("/api/why", {output: loop.called, over, at});
+  if (after == null) return ask(until, span);
+  const tick = await taking(ask, after, period ?? 0).catch(() => null); // the move may be explained where its tick is not
+  if (!tick) return ask(after + Math.max(span, period ?? 0), span);
+  return span > 0 ? ask(tick.from + INSTANT + span, span) : tick;
 }
 
 /** By the first word of an event: the loop whose output moves by it. */
