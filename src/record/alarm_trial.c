@@ -295,6 +295,7 @@ static int begin_trial(struct alarm_trial *t, struct apc_store *store, const str
         range.since + ((ticked - range.since) % period + period) % period; /* the first one from then on */
     row[2].time = INT64_MIN;
     rc = alarm_trial_begin(t, alarm, scale, &row[2], ticked, period, why);
+    t->since = range.since;
     for (size_t i = 0; i < 2 && rc == 0; i++)
         if (row[i].seq > 0 && row[i].time < range.since)
             alarm_trial_row(t, &row[i]);

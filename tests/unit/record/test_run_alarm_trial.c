@@ -87,13 +87,19 @@ static void draw_level(struct level *r, unsigned seed)
         r->masked[s] = s % 1500 > 1200;
 }
 
-static struct apc_store *store_of(const struct level *r)
+static struct apc_store *empty_store(void)
 {
     struct apc_store *store = NULL;
     struct apc_error why;
     if (apc_store_open(&store, "mem:", NULL, &why) < 0)
         fail_msg("%s", why.text);
     assert_true(apc_store_init(store) >= 0);
+    return store;
+}
+
+static struct apc_store *store_of(const struct level *r)
+{
+    struct apc_store *store = empty_store();
     for (int k = 0; k < N; k++) {
         const struct apc_sample row = {.table = APC_SENSOR,
                                        .id = 1,
@@ -241,6 +247,39 @@ static void as_they_are_the_alarms_of_a_run_come_as_the_journal_has_them(void **
     experiment_free(&e);
 }
 
+/* The instant that is known of the evaluations may be of one that came later after its time than the others. */
+static void an_alarm_of_the_first_evaluation_counts(void **state)
+{
+    struct alarm alarm = {.is = {.name = "y.high",
+                                 .kind = APC_ALARM_HIGH,
+                                 .table = APC_SENSOR,
+                                 .id = 1,
+                                 .limit = 0.5,
+                                 .priority = 1},
+                          .name = "y.high"};
+    const struct experiment e = {.alarm = &alarm, .n_alarms = 1, .alarms.rhythm.period = S};
+    const struct apc_sample rows[] = {{.table = APC_SENSOR, .id = 1, .seq = 1, .time = BEGIN, .value = 1},
+                                      {.table = APC_ALARM,
+                                       .id = 1,
+                                       .seq = 1,
+                                       .time = BEGIN + S / 4,
+                                       .value = APC_ALARM_UNACKED,
+                                       .origin = 1}};
+    struct apc_store *store = empty_store();
+    struct alarm_trial t;
+    struct apc_error why;
+    (void)state;
+    assert_true(apc_store_append(store, rows, 2) >= 0);
+    const struct apc_range range = {.since = BEGIN - S, .until = BEGIN + 9 * S};
+    if (alarm_trial_make(&t, store, &e, &alarm, BEGIN + 5 * S + S / 3, &range, 0, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(t.since, BEGIN);
+    assert_int_equal(t.recorded, 1);
+    assert_int_equal(t.at[0].raised, 1);
+    alarm_trial_free(&t);
+    apc_store_close(store);
+}
+
 static void what_cannot_be_tried_is_said(void **state)
 {
     struct alarm alarm = {
@@ -271,6 +310,7 @@ int main(void)
         cmocka_unit_test(each_setting_gives_what_a_second_count_gives),
         cmocka_unit_test(the_smallest_value_that_does_nearly_as_much_as_the_largest_is_proposed),
         cmocka_unit_test(as_they_are_the_alarms_of_a_run_come_as_the_journal_has_them),
+        cmocka_unit_test(an_alarm_of_the_first_evaluation_counts),
         cmocka_unit_test(what_cannot_be_tried_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
