@@ -18,13 +18,34 @@ int store_open(struct apc_store **store, const char *uri, const struct apc_store
     return apc_store_open(store, uri, options, why);
 }
 
+/* Who simulates has its first measurement for as long as he does. */
+int store_simulated(struct apc_store *store, struct apc_store_clock *clock, struct apc_error *why)
+{
+    const struct apc_sample first = {.table = APC_SENSOR, .id = 1};
+    uint64_t holder = 0;
+    *clock = (struct apc_store_clock){.size = sizeof *clock};
+    const int simulated = apc_store_clock(store, clock);
+    const int rc = simulated > 0 ? apc_store_holder(store, &first, &holder) : simulated;
+    if (rc < 0)
+        return apc_fail(why, rc, "%s", apc_store_error(store));
+    return simulated == 0 || holder > 0
+               ? simulated
+               : apc_fail(
+                     why, APC_ESTATE,
+                     "nobody simulates the plant any more: its `apc run --speed` was ended, and its time "
+                     "stands still");
+}
+
 bool store_follow(const char *uri)
 {
     struct apc_store *store = NULL;
-    const bool simulated = strncmp(uri, "shm:", 4) == 0 && apc_store_open(&store, uri, NULL, NULL) == 0 &&
-                           apc_store_follow(store) > 0;
+    struct apc_store_clock clock = {.now = 0};
+    struct apc_error why;
+    if (strncmp(uri, "shm:", 4) == 0 && apc_store_open(&store, uri, NULL, NULL) == 0 &&
+        store_simulated(store, &clock, &why) > 0)
+        (void)apc_store_follow(store);
     apc_store_close(store);
-    return simulated;
+    return clock.now != 0;
 }
 
 bool store_is_uri(const char *text)

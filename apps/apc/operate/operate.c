@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "apc/common/print.h"
+#include "common/storeuri.h"
 #include "files/files.h"
 
 #define PAUSE (50 * APC_NS_PER_MS) /* between two looks */
@@ -124,19 +125,23 @@ static const char *group_of(const struct operation *o)
     return o->group && operation_is_one(o) ? o->group : NULL;
 }
 
-/* Of a plant whose time stands still nothing can be awaited. */
-static bool is_paused(struct apc_store *store)
+/* Of a plant whose time stands still nothing can be awaited: 1, it is paused; negative: nobody simulates it. */
+static int stands_still(struct apc_store *store, struct apc_error *why)
 {
-    struct apc_store_clock clock = {.size = sizeof clock};
-    return apc_store_clock(store, &clock) > 0 && clock.asked == 0 && clock.steps == 0;
+    struct apc_store_clock clock;
+    const int rc = store_simulated(store, &clock, why);
+    return rc > 0 ? clock.asked == 0 && clock.steps == 0 : rc;
 }
 
 static int await_ready(const struct cli *cli, struct apc_store *store, struct operation *o)
 {
     struct change_fault why;
-    int rc;
-    while ((rc = operation_ready(o, store, &why)) == 0 && !is_paused(store))
+    struct apc_error ended;
+    int rc, still = 0;
+    while ((rc = operation_ready(o, store, &why)) == 0 && (still = stands_still(store, &ended)) == 0)
         pause_for(PAUSE);
+    if (rc == 0 && still < 0)
+        return cli_error(cli, still, "%s", ended.text);
     if (rc >= 0)
         return EXIT_OK;
     return strcmp(why.code, "nobody") == 0 ? cli_error(cli, rc, "%s; --no-wait does in any case", why.text)
@@ -182,10 +187,13 @@ static void show_written(const struct operation *o, const char *also)
 
 static int await_outcome(const struct cli *cli, struct apc_store *store, struct operation *o)
 {
-    int rc;
-    while ((rc = operation_poll(o, store)) == 0 && !is_paused(store) &&
+    struct apc_error ended;
+    int rc, still = 0;
+    while ((rc = operation_poll(o, store)) == 0 && (still = stands_still(store, &ended)) == 0 &&
            (rc = operation_wait(o, store, APC_NS_PER_S)) == 0)
         ;
+    if (rc == 0 && still < 0)
+        return cli_error(cli, still, "written, but %s", ended.text);
     if (rc == 0) {
         show_written(o, " (written: the simulation is paused, its next tick applies it)");
         return EXIT_OK;

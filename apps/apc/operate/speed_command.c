@@ -5,6 +5,7 @@
 #include <time.h>
 
 #include "apc/common/speed.h"
+#include "common/storeuri.h"
 #include "files/files.h"
 #include "operate.h"
 
@@ -25,11 +26,12 @@ static const struct cli_spec spec = {
 
 static int show_speed(const struct cli *cli, struct apc_store *store)
 {
-    struct apc_store_clock clock = {.size = sizeof clock};
+    struct apc_store_clock clock;
+    struct apc_error why;
     char asked[SPEED_TEXT], time[APC_TIME_LEN];
-    const int rc = apc_store_clock(store, &clock);
+    const int rc = store_simulated(store, &clock, &why);
     if (rc < 0)
-        return cli_store_error(cli, rc, store);
+        return cli_error(cli, rc, "%s", why.text);
     if (rc == 0)
         return cli_error(cli, APC_ESTATE, "the plant is not simulated: its time is real");
     if (clock.asked == 0)
@@ -48,14 +50,15 @@ static int show_speed(const struct cli *cli, struct apc_store *store)
 /* The steps are made when this returns; a simulation that makes none for PATIENCE is waited for no longer. */
 static int wait_for_steps(const struct cli *cli, struct apc_store *store)
 {
-    struct apc_store_clock clock = {.size = sizeof clock};
+    struct apc_store_clock clock;
+    struct apc_error why;
     apc_ns since = apc_clock_mono(NULL);
     uint64_t left = 0;
     for (;;) {
-        const int rc = apc_store_clock(store, &clock);
+        const int rc = store_simulated(store, &clock, &why);
         const apc_ns now = apc_clock_mono(NULL);
         if (rc < 0)
-            return cli_store_error(cli, rc, store);
+            return cli_error(cli, rc, "%s", why.text);
         if (rc == 0 || clock.steps == 0 || clock.asked != 0)
             return EXIT_OK;
         if (clock.steps != left)
@@ -87,6 +90,19 @@ static int read_speed_arguments(const struct cli *cli, double *speed, uint64_t *
     return speed_parse(first, speed, &why) < 0 ? cli_usage(cli, "%s", why.text) : EXIT_OK;
 }
 
+static int set_speed(const struct cli *cli, struct apc_store *store, double speed, uint64_t steps)
+{
+    struct apc_store_clock clock;
+    struct apc_error why;
+    int rc = store_simulated(store, &clock, &why);
+    if (rc < 0)
+        return cli_error(cli, rc, "%s", why.text);
+    rc = apc_store_set_speed(store, speed, steps);
+    if (rc < 0)
+        return cli_store_error(cli, rc, store);
+    return steps > 0 ? wait_for_steps(cli, store) : EXIT_OK;
+}
+
 int command_speed(int argc, char **argv)
 {
     struct apc_store *store = NULL;
@@ -98,14 +114,8 @@ int command_speed(int argc, char **argv)
     int rc = cli.n_args > 0 ? read_speed_arguments(&cli, &speed, &steps) : EXIT_OK;
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(&cli, &store));
-    if (rc == EXIT_OK && cli.n_args > 0) {
-        const int err = apc_store_set_speed(store, speed, steps);
-        rc = err < 0 ? cli_store_error(&cli, err, store) : EXIT_OK;
-    }
-    if (rc == EXIT_OK && steps > 0)
-        rc = wait_for_steps(&cli, store);
-    if (rc == EXIT_OK && cli.n_args == 0)
-        rc = show_speed(&cli, store);
+    if (rc == EXIT_OK)
+        rc = cli.n_args > 0 ? set_speed(&cli, store, speed, steps) : show_speed(&cli, store);
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

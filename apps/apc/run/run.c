@@ -417,6 +417,7 @@ int command_run(int argc, char **argv)
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     int rc = run_experiment(&r);
     apc_store_close(r.store);
+    apc_store_close(r.guard);
     free(r.daemons.child);
     free(r.both);
     experiment_free(&r.e);

@@ -91,6 +91,16 @@ static int describe_run(struct run *r)
     return rc;
 }
 
+/* As long as this process lives. */
+static int claim_simulated(struct run *r)
+{
+    int64_t last;
+    int rc = cli_open(&r->cli, &r->guard);
+    if (rc == 0 && (rc = apc_store_claim(r->guard, APC_SENSOR, 1, &last)) < 0)
+        cli_store_error(&r->cli, rc, r->guard);
+    return rc;
+}
+
 int run_prepare_store(struct run *r)
 {
     struct apc_store *guard = NULL;
@@ -117,6 +127,8 @@ int run_prepare_store(struct run *r)
     if (rc >= 0 && r->segment.uri[0] && (rc = segment_own(&r->segment, r->dir, &why)) < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     apc_store_close(guard);
+    if (rc >= 0 && r->options.pace)
+        rc = claim_simulated(r);
     apc_store_close(r->store); /* while it runs, other processes use it */
     r->store = NULL;
     return rc;

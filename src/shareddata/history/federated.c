@@ -493,6 +493,16 @@ static int federated_release(struct apc_store *store, const struct apc_sample *c
     LIVE(store, apc_store_release(live, claimed, n));
 }
 
+static int federated_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder)
+{
+    LIVE(store, apc_store_holder(live, variable, holder));
+}
+
+static int federated_seize(struct apc_store *store, struct apc_sample *seized, size_t n, uint64_t holder)
+{
+    LIVE(store, apc_store_seize(live, seized, n, holder));
+}
+
 static int federated_author(struct apc_store *store, const char *name)
 {
     LIVE(store, apc_store_author(live, name));
@@ -622,6 +632,8 @@ static const struct apc_store_ops federated_store = {
     .vectors = federated_vectors,
     .claim_set = claim_set,
     .release = federated_release,
+    .holder = federated_holder,
+    .seize = federated_seize,
     .author = federated_author,
     .author_name = federated_author_name,
     .describe = federated_describe,

@@ -65,6 +65,29 @@ awk -v at="$at" 'BEGIN { ticks = at / 0.2; exit !(at >= 5 && ticks - int(ticks +
 [ "$(digest "$work/going/samples.csv")" = "$(simulated "{ at = $at; set = \"r\"; value = 12.0; }")" ] ||
   fail "the simulation with the write at $at s is another"
 
+# Once it has been killed, nothing shows it as one that lives: its time is not followed, and nothing is written for it.
+# killed X: one that ran at that speed, and was killed
+killed() {
+  begin "killed-$1" --no-ui
+  speed step 10
+  speed "$1"
+  kill -KILL $pid
+  wait $pid && fail "it lives"
+  expect 1 'nobody simulates the plant any more' "$apc" speed --store "$store"
+  for word in pause step max 20; do
+    expect 1 'nobody simulates the plant any more' "$apc" speed --store "$store" $word
+  done
+  expect 0 ' 10 ' "$apc" get --store "$store" r
+  expect 0 '"stale":true' "$apc" status --json --store "$store"
+  for word in 'set r 12' 'mode man'; do
+    # shellcheck disable=SC2086
+    expect 1 'nobody simulates the plant any more' "$apc" $word --store "$store"
+  done
+  expect 4 'time is not real' "$APC_BIN/apc-controller" --config "$file" --store "${store%%+*}"
+  expect 0 '' "$apc" drain "$work/killed-$1"
+}
+for x in 20 0; do killed $x; done
+
 # Mistakes
 for wrong in -1 fast 1001 nan; do
   expect 2 'plant seconds per second, from 0 .paused. to 1000, or max' "$apc" run "$file" --speed=$wrong --out "$work/no"
