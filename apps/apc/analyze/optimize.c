@@ -213,7 +213,11 @@ static int optimize(struct optimization *z, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     const apc_ns began = apc_clock_mono(NULL);
     rc = optimization_search(z, why);
-    return rc < 0 ? rc : optimization_show(z, apc_ns_to_s(apc_clock_mono(NULL) - began), why);
+    if (rc == 0)
+        rc = optimization_show(z, apc_ns_to_s(apc_clock_mono(NULL) - began), why);
+    return rc == 0 && atomic_load(&z->pool->stop)
+               ? apc_fail(why, APC_ESTATE, "ended by a signal: it is the best of the tries until then")
+               : rc;
 }
 
 int command_optimize(int argc, char **argv)

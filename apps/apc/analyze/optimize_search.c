@@ -371,7 +371,7 @@ static int find_reference(struct optimization *z, struct apc_error *why)
     for (unsigned k = 1; k <= SCATTERED && !optimization_attempt(z, 0)->stable; k++)
         i = iae_of(z, k) < iae_of(z, i) ? k : i;
     if (!optimization_attempt(z, i)->stable && atomic_load(&z->pool->stop))
-        return apc_fail(why, APC_ETIMEDOUT, "ended by a signal before anything was found");
+        return apc_fail(why, APC_ESTATE, "ended by a signal before anything was found");
     if (!optimization_attempt(z, i)->stable)
         return apc_fail(why, APC_ERANGE,
                         "the plant diverges with the present numbers and with %d others within these bounds: "

@@ -243,9 +243,12 @@ int summary_failures(const struct campaign *c, struct apc_error *why)
         fprintf(c->options->talk, "%u of %u runs were not made\n", missing, c->options->runs);
     if (failed > 0)
         return apc_fail(why, first, "%u of %u runs ended early", failed, c->options->runs);
-    return missing > 0 && !atomic_load(&c->pool->stop)
-               ? apc_fail(why, APC_ESYS, "a process of the campaign ended: runs are missing")
-               : 0;
+    if (missing == 0)
+        return 0;
+    return atomic_load(&c->pool->stop)
+               ? apc_fail(why, APC_ESTATE, "ended by a signal: %u of %u runs were made",
+                          c->options->runs - missing, c->options->runs)
+               : apc_fail(why, APC_ESYS, "a process of the campaign ended: runs are missing");
 }
 
 /* ---- The file of the runs ----------------------------------------------------------------- */

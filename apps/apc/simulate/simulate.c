@@ -541,7 +541,9 @@ static int simulate_once(struct simulate *r)
         keep_first_code(&rc, leave_simulation_report(r));
     if (ended < 0)
         cli_error(&r->cli, ended, "%s", r->s.why.text);
-    return ended < 0 ? ended : rc;
+    if (ended < 0)
+        return ended;
+    return rc == 0 && r->s.interrupted ? APC_ESTATE : rc;
 }
 
 /* Over what the file says. */

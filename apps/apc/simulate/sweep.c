@@ -254,7 +254,8 @@ static int failures(const struct swept *z, unsigned i, struct apc_error *why)
             return apc_fail(why, t->rc, "%s = %s, seed %llu: %s", z->sweep->path, value,
                             (unsigned long long)(c->options->seed + run), t->why);
         if (!t->made && atomic_load(&c->pool->stop))
-            fprintf(c->options->talk, "%s = %s: not all runs were made\n", z->sweep->path, value);
+            return apc_fail(why, APC_ESTATE, "ended by a signal: %s = %s: not all runs were made",
+                            z->sweep->path, value);
         if (!t->made)
             return 0;
     }

@@ -115,3 +115,12 @@ printf 'gone' >"$work/kept.svg"
 no 4 'is there already' --over controller.Kp=0.1..1 --figure "$work/kept"
 [ "$(cat "$work/kept.svg")" = gone ] || fail "a figure that was there is gone"
 [ ! -e "$work/pasted.conf.part" ] || fail "a part of a file is left"
+
+# ---- A signal: what is there, which is not all
+"$apc" optimize "$conf" "${over[@]}" --duration 2000 --budget 200 --jobs 2 >"$work/stopped.txt" 2>&1 &
+pid=$!
+until_true 20 pgrep -P $pid # from before it has processes on it listens to signals
+kill -TERM $pid
+status=0
+wait $pid || status=$?
+[ $status -eq 1 ] && grep -q 'ended by a signal' "$work/stopped.txt" || fail "stopped: $status, $(cat "$work/stopped.txt")"

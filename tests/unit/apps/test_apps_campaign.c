@@ -434,7 +434,7 @@ static void a_few_of_the_runs_that_failed_are_told_of(void **state)
     assert_lacks(text, "not made");
 }
 
-static void runs_that_are_missing_are_an_error_unless_someone_stopped_them(void **state)
+static void runs_that_are_missing_are_an_error_also_when_someone_stopped_them(void **state)
 {
     (void)state;
     campaign_trial(&campaign, 1)->made = false;
@@ -444,7 +444,8 @@ static void runs_that_are_missing_are_an_error_unless_someone_stopped_them(void 
     assert_has(why.text, "runs are missing");
     assert_has(talk(), "2 of 6 runs were not made\n");
     atomic_store(&pool.stop, true);
-    assert_int_equal(summary_failures(&campaign, &why), 0);
+    assert_int_equal(summary_failures(&campaign, &why), APC_ESTATE);
+    assert_string_equal(why.text, "ended by a signal: 4 of 6 runs were made");
     assert_has(talk(), "2 of 6 runs were not made\n");
 }
 
@@ -674,12 +675,14 @@ static void a_signal_lets_the_runs_at_hand_end_and_a_later_one_ends_them(void **
     sigprocmask(SIG_SETMASK, NULL, &before);
     load(&of);
     be(&of, stop, false);
-    assert_int_equal(run(&of, 20000, 1), 0);
+    assert_int_equal(run(&of, 20000, 1), APC_ESTATE);
+    assert_has(why.text, "ended by a signal: ");
     const char *text = talk();
     assert_has(text, " of 20000 runs were not made\n");
     assert_lacks(text, "20000 of 20000");
     be(&of, never_return, false);
-    assert_int_equal(run(&of, 8, 2), 0); /* it was wanted */
+    assert_int_equal(run(&of, 8, 2), APC_ESTATE);
+    assert_string_equal(why.text, "ended by a signal: 0 of 8 runs were made");
     assert_has(talk(), "8 of 8 runs were not made\n");
     sigprocmask(SIG_SETMASK, NULL, &after);
     assert_int_equal(sigismember(&after, SIGTERM), sigismember(&before, SIGTERM));
@@ -743,7 +746,7 @@ int main(void)
         T(two_campaigns_are_compared_seed_by_seed),
         T(a_file_that_is_none_of_a_campaign_is_refused_with_its_line),
         T(a_few_of_the_runs_that_failed_are_told_of),
-        T(runs_that_are_missing_are_an_error_unless_someone_stopped_them),
+        T(runs_that_are_missing_are_an_error_also_when_someone_stopped_them),
         T(what_has_no_loop_is_run_all_the_same),
         T(on_no_terminal_it_does_not_show_how_far_it_is),
         T(each_run_is_that_of_its_seed_whoever_makes_it),
