@@ -80,7 +80,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
     axes: [
       axis({
         show: true,
-        size: o.xAxis ? 40 : 8,
+        size: o.xAxis ? 46 : 8,
         values: o.xAxis ? timeLabels : (_u, splits) => splits.map(() => ""),
         ticks: {show: o.xAxis, stroke: () => colour("--grid"), size: 5},
         space: 90,

@@ -140,7 +140,6 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
         {!database ? "DB …" : !database.connected ? <><Shape priority={1} label={tr("shell.databaseOffline")} /> {tr("shell.databaseOffline")}</> : tr(connected ? "shell.databaseOk" : "shell.databaseUnknown")}
       </span>
       <Clock />
-      <span class="spring" />
       <span class="who">
         {who ? (who.protected ? `${who.user}, ${tr(`role.${who.role}`)}` : tr("shell.noLogin")) : "…"}
       </span>

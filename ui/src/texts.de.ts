@@ -255,6 +255,17 @@ export const de = {
   "mode.outOfService": "Außer Betrieb",
   "mode.inService": "In Betrieb",
 
+  "said.the backup law acts": "der Ersatzregler regelt",
+  "said.output at its fault value": "Stellgröße auf ihrem Fehlerwert",
+  "said.what takes its output is not ready for it": "der Empfänger der Stellgröße ist nicht bereit",
+  "said.another controller acts": "ein anderer Regler wirkt",
+  "said.no setpoint from above": "kein Sollwert von oben",
+  "said.in shadow: another controller acts": "im Schattenbetrieb: ein anderer Regler wirkt",
+  "said.the loop below does not take the output": "der Kreis darunter nimmt die Stellgröße nicht an",
+  "said.output held": "Stellgröße gehalten",
+  "said.measurements arrive": "Messwerte kommen an",
+  "said.no measurements arrive": "keine Messwerte kommen an",
+
   "note.stopped": "der Regler dieses Kreises läuft nicht",
   "note.safe": "die Anlage steht auf ihrem sicheren Wert und nimmt keine Stellgröße an",
   "note.oos": "der Kreis ist außer Betrieb: nichts wird ausgegeben",

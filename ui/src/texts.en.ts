@@ -254,6 +254,17 @@ export const en = {
   "mode.outOfService": "Out of service",
   "mode.inService": "In service",
 
+  "said.the backup law acts": "the backup law acts",
+  "said.output at its fault value": "output at its fault value",
+  "said.what takes its output is not ready for it": "what takes its output is not ready for it",
+  "said.another controller acts": "another controller acts",
+  "said.no setpoint from above": "no setpoint from above",
+  "said.in shadow: another controller acts": "in shadow: another controller acts",
+  "said.the loop below does not take the output": "the loop below does not take the output",
+  "said.output held": "output held",
+  "said.measurements arrive": "measurements arrive",
+  "said.no measurements arrive": "no measurements arrive",
+
   "note.stopped": "the controller of this loop does not tick",
   "note.safe": "the plant is at its safe value and takes no output",
   "note.oos": "the loop is out of service: nothing goes out",

@@ -5,9 +5,9 @@ import {useState} from "preact/hooks";
 import {Cell} from "./core/cell";
 import {clock, fromUntil, number, span as spanText} from "./core/format";
 import {plant} from "./core/model";
-import {known, tr} from "./core/texts";
+import {known, said, tr} from "./core/texts";
 import type {Cause, Loop, Plant, Unexplained, Why} from "./core/types";
-import {effectText, explain, limitOf, type Part, part, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
+import {decimalsOfOutput, effectText, explain, limitOf, type Part, part, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
 import {Dialog} from "./dialog";
 import {Tag} from "./parts/tag";
 import {place} from "./router";
@@ -59,8 +59,9 @@ function Answer({about, plant: p}: {about: Question; plant: Plant}): JSX.Element
 
 function Move({of, plant: p}: {of: Why; plant: Plant}): JSX.Element {
   const limit = limitOf(of);
+  const fine = decimalsOfOutput(of.output, p);
   const states = [...new Set([of.state_before, of.state])].map(stateWord).join(" → ");
-  const terms = termsText(of);
+  const terms = termsText(of, p);
   const causes = of.inputs.flatMap(cause => {
     const its = part(cause.effect, of);
     return its ? [{cause, its}] : [];
@@ -73,10 +74,10 @@ function Move({of, plant: p}: {of: Why; plant: Plant}): JSX.Element {
   return (
     <>
       <p class="why-move">
-        <b class="digits">{number(of.before)} → {number(of.now)}</b> <span class="unit">{of.unit}</span> <span class="say">{fromUntil(of.from, of.time)}</span>
+        <b class="digits">{number(of.before, fine)} → {number(of.now, fine)}</b> <span class="unit">{of.unit}</span> <span class="say">{fromUntil(of.from, of.time)}</span>
       </p>
       <p>
-        {states}{of.reason != null && `: ${of.reason}`}{limit && `, ${tr(limit)}`}
+        {states}{of.reason != null && `: ${said(of.reason)}`}{limit && `, ${tr(limit)}`}
       </p>
       {terms && <p class="say">{tr("why.law", {terms})}</p>}
       {causes.length + rest.length === 0 ? <p class="say">{tr("why.nothing")}</p> : (
@@ -97,7 +98,7 @@ function Move({of, plant: p}: {of: Why; plant: Plant}): JSX.Element {
                 <th scope="row"><span><Tag name={cause.input} /> <small>{known("why.kind", cause.kind)}</small><Author of={cause} /></span></th>
                 <Told name="before" text={told(cause, "before", p)} />
                 <Told name="now" text={told(cause, "now", p)} />
-                <Effect of={its} />
+                <Effect of={its} fine={fine} />
               </tr>
             ))}
             {rest.map(({name, its}) => (
@@ -105,7 +106,7 @@ function Move({of, plant: p}: {of: Why; plant: Plant}): JSX.Element {
                 <th scope="row"><span>{tr(`why.${name}`)} <small>{tr(`why.${name}Is`)}</small></span></th>
                 <Told name="before" text="" />
                 <Told name="now" text="" />
-                <Effect of={its} />
+                <Effect of={its} fine={fine} />
               </tr>
             ))}
           </tbody>
@@ -136,10 +137,10 @@ function Told({name, text}: {name: "before" | "now"; text: string}): JSX.Element
   return <td class={text ? "number" : "number without"} data-label={tr(`why.${name}`)}>{text}</td>;
 }
 
-function Effect({of}: {of: Part}): JSX.Element {
+function Effect({of, fine}: {of: Part; fine: number | undefined}): JSX.Element {
   return (
     <>
-      <td class="number" data-label={tr("why.effect")}>{effectText(of.effect)}</td>
+      <td class="number" data-label={tr("why.effect")}>{effectText(of.effect, fine)}</td>
       <td class="number share" data-label={tr("why.share")}>{shareText(of.share)}</td>
     </>
   );

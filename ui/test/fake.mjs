@@ -241,7 +241,7 @@ export class Fake {
     return {
       t: this.now, uptime: 99,
       tasks: [{task: "controller", period: 1, time: this.now - 60, age: 60, count: 9, missed: 3, missed_total: 3, lateness: figures, jitter: figures, run: figures}],
-      links: [{name: "apc-client", up: false, since: this.now - 60, text: "connection refused", changes: 2, round_trip: null, failed: 7}],
+      links: [{name: "apc-client", up: false, since: this.now - 60, text: "no measurements arrive", changes: 2, round_trip: null, failed: 7}],
       signals: ["BadSensorFailure", "UncertainSubstituteValue", "Good"].map((status, i) => ({ref: `sensor.${i + 1}`, age: 60, period: 1, stale: i < 2, status})),
       store: {...this.#store(), connects: 2, spool: {depth: 9, age: 60}, read: figures, write: {...figures, count: 0}},
       stream: {clients: 1, messages: 9, dropped: 1, lag: figures},

@@ -77,6 +77,12 @@ for (const width of [1280, 400])
       const english = (await said(page)).filter(text => whole.has(text) || parts.some(part => text.includes(part)));
       for (const [what, found] of [["English", english], ["cut off", await cut(page)], ["touching", await touching(page)], ["axe", await violations(page)]]) wrong.push(...found.map(one => `${where}: ${what}: ${one}`));
     };
+    // The longest line of the header, beside a plant whose name is no short one.
+    if (width > 1000) {
+      await page.evaluate(texts => texts.forEach(([where, text]) => (document.querySelector(`header ${where}`).firstChild.data = text)), [[".plant", "pump-failure-mpc"], [".who", german.get("shell.noLogin")]]);
+      const [first, last] = await page.evaluate(() => [document.querySelector("header .brand"), document.querySelector("header > :last-child")].map(one => one.getBoundingClientRect()).map(({top, bottom}) => (top + bottom) / 2));
+      if (Math.abs(first - last) > 8) wrong.push("the header takes a second line");
+    }
     const walk = async (what, all) => {
       for (const screen of all) {
         await page.evaluate(where => (location.hash = where), screen);

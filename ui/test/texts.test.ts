@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import {readdirSync, readFileSync} from "node:fs";
 import path from "node:path";
 import {test} from "node:test";
-import {firstShipped, inEnglish, known, LANGUAGES, speak, tr} from "../src/core/texts";
+import {firstShipped, inEnglish, known, LANGUAGES, said, speak, tr} from "../src/core/texts";
 import {de} from "../src/texts.de";
 import {en} from "../src/texts.en";
 
@@ -27,6 +27,16 @@ test("each conflict that the server tells of has words in each language", () => 
   assert.deepEqual(codes.filter(code => !(code in de)), []);
 });
 
+test("each reason and state that the server has a sentence for has words in each language", () => {
+  const sentences = ([["modules/loop.c", "rules[] = {", "};"], ["../apps/apc-ui/plant/model.c", "return same ", "NULL;"], ["../apps/apc-ui/api/api_now.c", "up ? ", ");"]] as const).flatMap(([file, from, to]) => {
+    const source = readFileSync(path.resolve(process.cwd(), "../src", file), "utf8");
+    const at = source.indexOf(from);
+    return [...source.slice(at, source.indexOf(to, at)).matchAll(/"(\w+ [^"]+)"/g)].map(found => `said.${found[1]}`);
+  });
+  assert.ok(sentences.length >= 12);
+  assert.deepEqual(sentences.filter(one => !(one in de)), []);
+});
+
 test("each text is in use", () => {
   const folder = path.resolve(process.cwd(), "src");
   const files = (readdirSync(folder, {recursive: true}) as string[]).filter(name => /\.tsx?$/.test(name) && !/^texts\./.test(name));
@@ -39,6 +49,7 @@ test("a text is that of the language spoken, and English for files", () => {
   assert.equal(tr("trend.fresh", {n: 3}), "3 new");
   speak("de");
   assert.deepEqual([tr("trend.fresh", {n: 3}), known("mode", "Man"), known("mode", "RCas"), tr("value.range", {low: "1.5", high: "2"})], ["3 neu", "Hand", "RCas", "1.5 bis 2"]);
+  assert.deepEqual(["output held", "output held: y is Bad", "in shadow: another controller acts", "y is Bad"].map(said), ["Stellgröße gehalten", "Stellgröße gehalten: y is Bad", "im Schattenbetrieb: ein anderer Regler wirkt", "y is Bad"]);
   assert.equal(inEnglish(() => tr("common.none")), "none");
   assert.throws(() => inEnglish(() => { throw new Error("no file"); }));
   assert.equal(tr("common.none"), "keine");

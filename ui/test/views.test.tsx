@@ -139,7 +139,7 @@ test("the overview tells each loop, each measurement beyond them, and that all i
   assert.equal(said(".toolbar"), "Two tanks all values fresh and good View as table");
   assert.equal(
     said(".loops tbody tr:first-child"),
-    "y1level Auto [y1 PV 9.98 m, setpoint 0.125, scale 0 to 15] 9.98 m 0.125 m 1.500 V [y1, last 10 minutes: 9.98 to 9.98]",
+    "y1level Auto [y1 PV 9.98 m, setpoint 0.13, scale 0 to 15] 9.98 m 0.13 m 1.500 V [y1, last 10 minutes: 9.98 to 9.98]",
   );
   assert.match(said(".measurements tbody tr"), /^T \[T 300\.000 K, scale 100 to 500\] 300\.000 K /);
   assert.equal(said(".loops thead"), "Loop Mode PV against SP PV SP OUT Last 10 min");
@@ -788,9 +788,9 @@ test("why an output moved: the causes by their effect, who wrote, and the loop a
   assert.match(said("dialog"), /Auto → held: y1 is Bad, at output high limit/);
   assert.match(said("dialog"), /Law: P 0\.500 → 8\.000, I – → 2\.000, high limit u2 0\.000 → 3\.000/);
   assert.deepEqual([...document.querySelectorAll("dialog tbody tr")].map(row => [...row.querySelectorAll("th, td")].map(cell => cell.textContent?.trim()).join("; ")), [
-    `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.082; 6.5; +5.000; 63 %`,
-    "y1 measurement; 7.000; 7.125 sensor failure; +1.500; 19 %",
-    `u1 mode${clock(START - 3)}, anna; Man; Auto; +0.5000; 6 %`,
+    `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.08; 6.5; +5.000; 63 %`,
+    "y1 measurement; 7.00; 7.13 sensor failure; +1.500; 19 %",
+    `u1 mode${clock(START - 3)}, anna; Man; Auto; +0.500; 6 %`,
     "earlier what the loop goes on with by itself; ; ; +1.000; 13 %",
   ]);
   assert.match(said("dialog"), /Changed without effect: Kp \(tuning\)/);
@@ -919,7 +919,7 @@ test("a trend: live, paused, moved, and what it says of itself", async () => {
   await show("trend/1");
   const trend = (): string[] => ["data-live", "data-span"].map(name => one("section.trend").getAttribute(name) ?? "");
   assert.deepEqual(trend(), ["true", "600"]);
-  assert.equal(said(".readout"), "current y1 9.98 r1 0.125 u1 1.500");
+  assert.equal(said(".readout"), "current y1 9.98 r1 0.13 u1 1.500");
   await press(" ");
   assert.deepEqual(trend(), ["false", "600"]);
   server.sample("sensor.1", 5);
@@ -1380,7 +1380,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   await settle();
   assert.equal(said(".prediction .toolbar .say"), "base: 3 steps of 2.0 s");
   const rows = [...document.querySelectorAll(".prediction .panel tbody tr")].map(row => [...row.children].map(cell => (cell.textContent ?? "").replace(/\s+/g, " ").trim()));
-  assert.deepEqual(rows[0], ["y1", "9.98m", "0.125", "12.500", "12.00", "no limits", "none"]);
+  assert.deepEqual(rows[0], ["y1", "9.98m", "0.13", "12.50", "12.00", "no limits", "none"]);
   assert.equal(rows[2]![0], "u1");
   assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "high limit, low rate limit", "AutoOut of service: u1", "98 %"]);
   await click(button("Out of service: u1"));
@@ -1395,7 +1395,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   assert.equal(one<HTMLAnchorElement>(".prediction .toolbar a").getAttribute("href"), "#trend/pens=y1,y2,u1,u2,u1.disturbance;span=600");
   await click(button("View as table"));
   assert.equal(said(".prediction .scroll thead"), "Signal 2 s 4 s 6 s");
-  assert.equal(said(".prediction .scroll tbody"), "y1 10.000 11.000 12.000 u1 1.000 2.000 3.000");
+  assert.equal(said(".prediction .scroll tbody"), "y1 10.00 11.00 12.00 u1 1.000 2.000 3.000");
   made = t - 60;
   await env.pass(2.5);
   await settle();
@@ -1417,7 +1417,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   assert.match(said(".trend"), /Right of the line, dashed: the prediction made now\./);
   assert.equal(button("Prediction").getAttribute("aria-pressed"), "true");
   await click(button("View as table"));
-  assert.match(said("table.data").split("Prediction")[1] ?? "", /^, by the time from the plan on signal 2 s 4 s 6 s y1 10\.000 11\.000 12\.000/);
+  assert.match(said("table.data").split("Prediction")[1] ?? "", /^, by the time from the plan on signal 2 s 4 s 6 s y1 10\.00 11\.00 12\.00/);
   await click(button("View as table"));
   await show("trend/pens=u2;span=60;ahead=1");
   await env.pass(0.4);
@@ -1562,7 +1562,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
     for (let i = 0; i < 100 && said(".readout").endsWith("loading …"); i++) await settle();
     return said(".readout");
   };
-  assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
+  assert.equal(await trend(1), "current y1 9.98 r1 0.13 u1 1.500 trial.u1.output 1.750");
   assert.equal(await trend(3), await trend(1));
   assert.deepEqual([...document.querySelectorAll(".readout .key path")].map(key => key.getAttribute("stroke-dasharray")), ["", "6 3", "", "6 3"]);
   server.sample("estimate.2", 1.25);
@@ -1579,7 +1579,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   server.beat();
   await settle();
   assert.doesNotMatch(said(".toolbar"), /shadow/);
-  assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 u1.output 1.500");
+  assert.equal(await trend(1), "current y1 9.98 r1 0.13 u1 1.500 u1.output 1.500");
   server.plant = tanks;
   env.source.send("plant", {revision: 4});
   await settle();

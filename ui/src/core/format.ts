@@ -47,10 +47,12 @@ export function exact(value: number | null | undefined): string {
   return plain.includes("e") || (plain.length > 7 && short.length < plain.length) ? short : minus(plain);
 }
 
-/** What somebody has written: exactly, where that fits wherever a value stands, else as a measurement is told. */
+/** What somebody has written: exactly, where that has no more decimals and fits wherever a value stands, else as a measurement is
+ *  told. */
 export function written(value: number | null | undefined, decimals?: number): string {
   const text = exact(value);
-  return text.replace(/\D/g, "").length <= DIGITS ? text : number(value, decimals);
+  const fraction = /\.(\d+)$/.exec(text)?.[1] ?? "";
+  return text.replace(/\D/g, "").length <= DIGITS && fraction.length <= (decimals ?? DIGITS) ? text : number(value, decimals);
 }
 
 const LONGEST = 8; // characters at an axis, beyond which powers of ten are shorter
@@ -101,7 +103,7 @@ export function duration(seconds: number | null | undefined): string {
   if (seconds == null || !isFinite(seconds)) return missing;
   const sign = seconds < 0 ? "\u2212" : "";
   const s = Math.abs(seconds);
-  if (s === 0) return "0 s";
+  if (s < 5e-10) return "0 s";
   if (s < 1e-6) return `${sign}${(s * 1e9).toFixed(0)} ns`;
   if (s < 1e-3) return `${sign}${(s * 1e6).toFixed(s < 1e-5 ? 1 : 0)} µs`;
   if (s < 1) return `${sign}${(s * 1e3).toFixed(s < 1e-2 ? 2 : s < 1e-1 ? 1 : 0)} ms`;

@@ -5,6 +5,7 @@ import {get, post, session as askSession, whenLoggedOut} from "./api";
 import {Cell} from "./cell";
 import {Clock, Parting} from "./clock";
 import {env, every} from "./env";
+import {decimalsOf} from "./format";
 import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
@@ -55,6 +56,8 @@ const variables = new Map<Ref, Variable>();
 /** Loops by what they measure, and, of those that a loop above moves, by their setpoint. */
 const measuring = new Map<Ref, Loop>();
 const below = new Map<Ref, Loop>();
+/** Of what a number is told beside: a setpoint's measurement, the output of what stands for it, the signal of an estimate of it. */
+const kin = new Map<Ref, Ref>();
 let bands: ReadonlyMap<Ref, Limits> = new Map();
 
 export function live(ref: Ref): Cell<Live> {
@@ -89,6 +92,11 @@ export function limitsOf(ref: Ref): Limits {
   const own = variable(ref);
   const bounded = own && (own.low != null || own.high != null);
   return (bounded ? own : variable(measuring.get(ref)?.setpoint ?? null)) ?? {low: null, high: null};
+}
+
+/** How many decimals its numbers have wherever they stand: those of what they are told beside. */
+export function decimals(ref: Ref): number | undefined {
+  return decimalsOf(limitsOf(kin.get(ref) ?? ref), limitsOf(ref));
 }
 
 /** The daemon's clock now, Unix s; as long as it has said nothing, this computer's. */
@@ -249,6 +257,18 @@ function receive(type: string, data: unknown): void {
 let asked = 0;
 
 /** What the plant is, as long as it is the same one. */
+function findKin({loops, variables: all}: Plant): void {
+  kin.clear();
+  const named = new Map(all.filter(one => one.table === "sensor" || one.table === "actuator").map(one => [one.name, one]));
+  for (const one of all) {
+    const of = one.table === "estimate" ? /^(.+)\.(?:target|disturbance)$/.exec(one.name)?.[1] : undefined;
+    const beside = of && (named.get(of) ?? named.get(of.slice(of.indexOf(".") + 1))); // behind the name of its controller, where there are several
+    if (beside) kin.set(one.ref, beside.ref);
+  }
+  for (const loop of loops)
+    for (const [of, beside] of [[loop.setpoint, loop.measurement], [loop.manual, loop.output], [loop.would, loop.output]]) if (of && beside) kin.set(of, beside);
+}
+
 const identity = ({name, start, variables: all, loops}: Plant): string =>
   JSON.stringify([name, start, all.map(one => [one.ref, one.name, one.unit, one.low, one.high]), loops]);
 
@@ -267,6 +287,7 @@ export async function loadPlant(): Promise<void> {
       if (loop.measurement) measuring.set(loop.measurement, loop);
       if (loop.setpoint && loop.above != null) below.set(loop.setpoint, loop);
     }
+    findKin(next);
     bands = bandsOf(next.alarms?.all ?? []);
     if (other) for (const listener of plantListeners) listener();
     plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};

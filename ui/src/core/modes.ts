@@ -2,7 +2,7 @@
 // What a loop does, and why: the modes as they were written, and what the server makes of them each second.
 import type {Live} from "./quality";
 import type {Control, Loop, Plant} from "./types";
-import {known, tr} from "./texts";
+import {known, said, tr} from "./texts";
 
 export interface Modes {
   target: string | null;
@@ -52,13 +52,14 @@ export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, contro
   const notYet = wanted !== is && is != null ? tr("mode.notYet", {mode: called(wanted)}) : null;
   const stopped = control?.running[loop.controller] === false;
   const note = control?.entries[loop.id];
+  const reason = control?.reasons[loop.id];
   const says = note ? known("note", note.code, note.text) : null;
   const tracks = loop.above != null && is === "Man" ? tr("mode.tracks") : null;
   return {
     target: wanted,
     actual: is,
     lastKnown: stopped,
-    why: stopped ? notRunning([loop.controller], p) : (control?.reasons[loop.id] ?? notYet),
+    why: stopped ? notRunning([loop.controller], p) : (reason == null ? notYet : said(reason)),
     handsOff: is === "Man" && wanted === "Man" ? null : is == null || wanted === is || wanted === "Man" ? tr("mode.byHand") : tr("mode.changeFirst", {mode: called(wanted)}),
     tracks,
     entry: {setpoint: tracks ? null : says, output: note && OF_SETPOINT.has(note.code) ? null : says},

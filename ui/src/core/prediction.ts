@@ -94,13 +94,13 @@ export function horizon(trajectories: Trajectory[]): number {
 }
 
 /** What is expected at some of its times, as a table: at most so many rows. */
-export function trajectoryRows(trajectories: Trajectory[], most: number): {head: number[]; rows: {name: string; values: (number | null)[]}[]} {
+export function trajectoryRows(trajectories: Trajectory[], most: number): {head: number[]; rows: {ref: Ref; name: string; values: (number | null)[]}[]} {
   const longest = trajectories.reduce<Trajectory | null>((a, b) => (!a || b.expected.length > a.expected.length ? b : a), null);
   if (!longest) return {head: [], rows: []};
   const n = longest.expected.length;
   const every = Math.max(1, Math.ceil(n / most));
   const at = Array.from({length: Math.ceil(n / every)}, (_, i) => i * every);
-  return {head: at.map(k => longest.first + k * longest.step), rows: trajectories.map(one => ({name: one.name, values: at.map(k => one.expected[k] ?? null)}))};
+  return {head: at.map(k => longest.first + k * longest.step), rows: trajectories.map(one => ({ref: one.ref, name: one.name, values: at.map(k => one.expected[k] ?? null)}))};
 }
 
 export function horizonWords(trajectory: Trajectory): string {

@@ -40,6 +40,12 @@ export function known(group: string, word: string, instead = word): string {
   return (texts[spoken] as Record<string, string>)[`${group}.${word}`] ?? instead;
 }
 
+/** A sentence of the server's, or its beginning: what stands behind a colon is of this plant. */
+export function said(text: string): string {
+  const [begin, ...rest] = text.split(": ");
+  return known("said", text, [known("said", begin as string), ...rest].join(": "));
+}
+
 /** What goes into a file is read by programs: it is the same in each language. */
 export function inEnglish<T>(make: () => T): T {
   const before = spoken;

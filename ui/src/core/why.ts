@@ -2,6 +2,7 @@
 // Why an output moved: what is asked of the server, and what its answer says to people.
 import {get} from "./api";
 import {exact, missing, number, written} from "./format";
+import {decimals} from "./model";
 import {words, worth} from "./quality";
 import type {Cause, Loop, Plant, PlantEvent, Why} from "./types";
 import {known} from "./texts";
@@ -67,9 +68,21 @@ export function limitOf({now, low, high}: Why): "loop.atHigh" | "loop.atLow" | n
   return high != null && now >= high ? "loop.atHigh" : low != null && now <= low ? "loop.atLow" : null;
 }
 
+/** Those of the output of what is called so. */
+export function decimalsOfOutput(called: string, p: Plant): number | undefined {
+  const ref = p.loops.find(one => one.called === called)?.output;
+  return ref ? decimals(ref) : undefined;
+}
+
+function decimalsNamed(name: string, p: Plant): number | undefined {
+  const one = p.variables.find(one => one.name === name && one.table !== "opmode");
+  return one && decimals(one.ref);
+}
+
 /** What the law's answer comes from, but for what is 0 all the time. */
-export function termsText({terms}: Why): string {
-  return terms.filter(one => one.before !== 0 || one.now !== 0).map(one => `${known("why.term", one.term)} ${one.of == null ? "" : `${one.of} `}${number(one.before)} → ${number(one.now)}`).join(", ");
+export function termsText({terms, output}: Why, p: Plant): string {
+  const fine = decimalsOfOutput(output, p);
+  return terms.filter(one => one.before !== 0 || one.now !== 0).map(one => `${known("why.term", one.term)} ${one.of == null ? "" : `${one.of} `}${number(one.before, one.of == null ? fine : undefined)} → ${number(one.now, one.of == null ? fine : undefined)}`).join(", ");
 }
 
 export function stateWord(state: string): string {
@@ -82,7 +95,7 @@ export function told(cause: Cause, which: "before" | "now", p: Plant): string {
   const value = cause[which];
   const status = which === "now" ? cause.status : cause.status_before;
   const mode = cause.kind === "mode" && value != null ? p.modes[value] : undefined;
-  const text = mode ? known("mode", mode) : value == null ? "" : cause.written != null && cause.kind !== "measurement" ? written(value) : number(value);
+  const text = mode ? known("mode", mode) : value == null ? "" : (cause.written != null && cause.kind !== "measurement" ? written : number)(value, decimalsNamed(cause.input, p));
   return worth(status) === "good" || text === "" ? text : `${text} ${words(status)}`;
 }
 
@@ -99,10 +112,10 @@ export function part(effect: number | null, {before, now}: Why): Part | null {
   return {effect, share: move === 0 ? null : effect / move};
 }
 
-/** With its sign and four digits. */
-export function effectText(effect: number): string {
+/** With its sign, in the decimals of the output, or with four digits. */
+export function effectText(effect: number, fine?: number): string {
   const size = Math.abs(effect);
-  return `${effect > 0 ? "+" : ""}${size >= 1e-3 && size < 1e5 ? number(effect, Math.max(0, 3 - Math.floor(Math.log10(size)))) : exact(Number(effect.toPrecision(3)))}`;
+  return `${effect > 0 ? "+" : ""}${fine != null && size >= 0.5 * 10 ** -fine ? number(effect, fine) : size >= 1e-3 && size < 1e5 ? number(effect, Math.max(0, 3 - Math.floor(Math.log10(size)))) : exact(Number(effect.toPrecision(3)))}`;
 }
 
 export const shareText = (share: number | null): string => (share == null ? missing : `${number(100 * share, 0)} %`);

@@ -11,7 +11,7 @@ import {Rows} from "../parts/rows";
 import {Note, Shape} from "../parts/shape";
 import {path} from "../router";
 import type {Diagnostics, Figures} from "../core/types";
-import {tr} from "../core/texts";
+import {said, tr} from "../core/texts";
 
 const PERIOD = 1000; // ms between two questions
 
@@ -71,7 +71,7 @@ export function DiagnosticsPage(): JSX.Element {
           {d.links.length === 0 && <tr><td colSpan={7} class="say">{tr("diagnostics.noLink")}</td></tr>}
           {d.links.map(link => (
             <tr key={link.name}>
-              <th scope="row">{link.name}<small>{link.text}</small></th>
+              <th scope="row">{link.name}<small>{said(link.text)}</small></th>
               <td data-label={tr("diagnostics.state")}>{link.up === false && <Shape priority={1} label={tr("diagnostics.down")} />} {tr(link.up == null ? "diagnostics.notKnown" : link.up ? "diagnostics.up" : "diagnostics.down")}</td>
               <td data-label={tr("diagnostics.since")} class="number">{link.since == null ? missing : stamp(link.since)}</td>
               <td data-label={tr("diagnostics.roundTrip")} class="number">{link.round_trip ? duration(link.round_trip.p50) : tr("diagnostics.notReported")}</td>

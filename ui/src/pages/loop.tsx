@@ -4,10 +4,10 @@ import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {decimalsOf, exact, missing, number, when} from "../core/format";
+import {exact, missing, number, when} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
 import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
-import {alarms, control, events, inShadow, limitsOf, live, modesOfLoop, plant, variable, writes} from "../core/model";
+import {alarms, control, decimals, events, inShadow, live, modesOfLoop, plant, variable, writes} from "../core/model";
 import {predictors} from "../core/prediction";
 import {usable} from "../core/quality";
 import {wouldBe} from "../core/trend";
@@ -165,7 +165,7 @@ function Deviation({of, from}: {of: Ref; from: Ref}): JSX.Element {
       <span class="line-label">{tr("loop.deviation")}<small>{tr("loop.deviationIs")}</small></span>
       <span />
       <span class={`value${y.stale ? " stale" : ""}`}>
-        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimalsOf(limitsOf(of))) : missing}</span><span class="unit">{variable(of)?.unit}</span>
+        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimals(of)) : missing}</span><span class="unit">{variable(of)?.unit}</span>
       </span>
     </div>
   );

@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {Curve} from "../core/curve";
-import {duration, exact, limitsText, missing, number, when} from "../core/format";
+import {duration, exact, limitsText, missing, when} from "../core/format";
 import {holds} from "../core/history";
 import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {trajectoryRows, trajectorySeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/prediction";
@@ -81,7 +81,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
         <Table
           caption={tr("prediction.caption", {time: newest > 0 ? when(newest, 1) : missing})}
           head={[tr("common.signal"), ...rows.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]}
-          rows={rows.rows.map(row => [row.name, ...row.values.map(value => number(value))])}
+          rows={rows.rows.map(row => [row.name, ...row.values.map(value => told(row.ref, value))])}
         />
       )}
       <div class="grid equal">

@@ -18,7 +18,7 @@ import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
-import {alarms, control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {alarms, control, decimals, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {trajectoryRows, trajectorySeries, expectedOf, horizon, predictors} from "../core/prediction";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
@@ -421,7 +421,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
           rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told((columns[i % columns.length] as Column).ref, value))])}
         />
       )}
-      {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => number(value))])} />}
+      {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => told(row.ref, value))])} />}
       {table && shownMarks.length > 0 && <Table caption={tr("trend.eventsCaption", {zone})} head={[tr("trend.time"), tr("trend.event")]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
       {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
@@ -472,7 +472,7 @@ function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Cur
                 <td class="wide" data-label={tr("common.description")}>{one?.description}</td>
                 <td class="number" data-label={tr("trend.current")}><Value of={pen.ref} /></td>
                 <td class="number" data-label={tr("trend.min")}>{told(pen.ref, min)}</td>
-                <td class="number" data-label={tr("trend.mean")}>{number(mean)}</td>
+                <td class="number" data-label={tr("trend.mean")}>{number(mean, decimals(pen.ref))}</td>
                 <td class="number" data-label={tr("trend.max")}>{told(pen.ref, max)}</td>
                 <td class="acts"><button type="button" aria-label={tr("trend.removeOf", {signal: one?.name ?? pen.ref})} onClick={() => remove(pen.ref)}>✕</button></td>
               </tr>

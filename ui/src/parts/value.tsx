@@ -3,18 +3,17 @@
 import type {JSX} from "preact";
 import {useRef} from "preact/hooks";
 import {useCell, usePainted} from "../usecell";
-import {decimalsOf, duration, exact, missing, number, written} from "../core/format";
-import {isMoved, limitsOf, live, modesOfLoop, variable} from "../core/model";
+import {duration, exact, missing, number, written} from "../core/format";
+import {decimals, isMoved, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Note} from "./shape";
 import {known, tr} from "../core/texts";
 
-/** In the decimals of its limits, and what somebody has written with all digits as long as they are few: wherever a value
- *  stands there is room for this, and exact() is in its title. */
+/** In its decimals, and what somebody has written with no more digits than he has given it: wherever a value stands there is
+ *  room for this, and exact() is in its title. */
 export function told(of: Ref, value: number | null): string {
-  const decimals = decimalsOf(limitsOf(of));
-  return variable(of)?.period == null && !isMoved(of) ? written(value, decimals) : number(value, decimals);
+  return variable(of)?.period == null && !isMoved(of) ? written(value, decimals(of)) : number(value, decimals(of));
 }
 
 /** All that a value says, for whoever points at it. */
