@@ -89,6 +89,21 @@ sql() {
   return $status
 }
 
+# own_server: of a test that stops the server, which is its own then: $data, the server's folder; as_server COMMAND..., as the
+# user that it runs as
+own_server() {
+  data=$(sql 'SHOW data_directory')
+  as_server() { "$@"; }
+  [ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
+}
+
+# start_server [OPTION...]: unless it is there by now: pg_ctl gives up one that takes long, and starts none beside one that recovers
+start_server() {
+  sql 'SELECT 1' >/dev/null 2>&1 ||
+    as_server "$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
+      -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST' $*" start 9>&-
+}
+
 # free_port: one that no other test of this build is given for a while, also where it listens only later
 free_port() {
   local port

@@ -231,20 +231,13 @@ expect 1 'u is in Man: its setpoint moves nothing' live --guard y=-20..40 --move
 until_true 20 is 1
 
 # the store goes away meanwhile, and comes back
-data=$(sql 'SHOW data_directory')
-bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
-as_server() { "$@"; }
-[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
+own_server
 background lost "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/lost"
 lost=$pid
 until_true 60 is 0
 as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"
 until_true 60 grep -q 'The plant goes back as soon as the store is there' "$work/lost.log"
-start() {
-  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
-    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start 9>&-
-}
-until_true 60 start
+until_true 60 start_server
 status=0
 wait "$lost" || status=$?
 # Promise(identification/apc-test-simulated)

@@ -68,7 +68,7 @@ case \$((\$1 % 2)) in
   0) $as kill -9 \$pid ;;
   1) $as '$bin/pg_ctl' -D '$data' -w -m immediate stop >/dev/null ;;
 esac
-until $as '$bin/pg_ctl' -D '$data' -w -t 20 -l '$PGHOST/server.log' \
+until psql -XAtqc 'SELECT 1' >/dev/null 2>&1 || $as '$bin/pg_ctl' -D '$data' -w -t 20 -l '$PGHOST/server.log' \
   -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start >/dev/null 2>&1 9>&-; do
   read -rt 0.05 <> <(:)
 done

@@ -11,10 +11,7 @@ fi
 . "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 
-data=$(sql 'SHOW data_directory')
-bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
-as_server() { "$@"; }
-[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
+own_server
 
 rows() { sql "SELECT count(*) FROM apc.$1"; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
@@ -49,11 +46,7 @@ n=$(rows sensor)
 as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"
 lost() { [ "$(grep -c 'store lost' "$work/run/apc-client.log")" -ge 2 ]; }
 until_true 20 lost
-start() {
-  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
-    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start 9>&-
-}
-until_true 60 start
+until_true 60 start_server
 until_true 30 more_rows sensor $((n + 20))
 until_true 30 more_rows actuator "$(rows actuator)"
 [ "$(sql 'SELECT max(seq) - count(*) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the sensor's seq has gaps"

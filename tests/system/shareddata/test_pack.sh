@@ -46,14 +46,7 @@ if [ -n "${APC_SMALL_DISK:-}" ]; then
   echo "the disk was full: the week is as it was"
 fi
 
-bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
-as_server() { "$@"; }
-[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
-data=$(sql 'SHOW data_directory')
-start_server() {
-  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
-    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST' -c fsync=off $APC_POSTGRES_OPTIONS" start 9>&-
-}
+own_server
 waits() { [ "$(sql "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'apc' AND wait_event_type = 'Lock'")" -gt 0 ]; }
 
 # Its server is killed, with all sessions, when the chunks are there and the rows not gone: somebody reads them.
@@ -66,7 +59,7 @@ until_true 60 waits
 as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"
 # Promise(database/full-disk-server)
 ! wait "$one" || fail "nobody said that the server was killed: $(cat "$work/pack.log")"
-until_true 60 start_server
+until_true 60 start_server -c fsync=off "$APC_POSTGRES_OPTIONS"
 [ "$(weeks)" = "$all" ] || fail "a week went when the server was killed"
 same "the server was killed"
 

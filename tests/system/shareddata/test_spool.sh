@@ -14,14 +14,7 @@ fi
 fast_experiment
 sed -i 's/hold = 60.0;/hold = 2.0;/' "$work/fast.conf"
 
-data=$(sql 'SHOW data_directory')
-bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
-as_server() { "$@"; }
-[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
-start_server() {
-  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
-    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start 9>&-
-}
+own_server
 
 rows() { sql "SELECT count(*) FROM apc.$1"; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
