@@ -20,23 +20,23 @@ near tau_i "$tau_i" 1 0.05
 "$apc" simulate "$work/fast.conf" --set controller.Kp="$Kp" --set controller.tau_i="$tau_i" --set measurements.y.noise=0 >"$work/simulated.txt"
 # Promise(identification/apc-tune-suggest-tunings)
 near "overshoot, predicted and simulated" "$(awk '/r 10 -> 20/ { print $9 }' "$work/simulated.txt")" "$overshoot" 3
-"$apc" tune --suggest "$work/tested" --tau-c 1.5 >"$work/calm.txt"
-awk '$2 == "then" && $3 < 0.07 { found = 1 } END { exit !found }' "$work/calm.txt" || fail "a longer tau_c is not calmer: $(cat "$work/calm.txt")"
-for rule in lambda relay; do
-  "$apc" tune --suggest "$work/tested" --rule $rule | grep -Eq '^as written by --apply: apc tune Kp=0\.' || fail "$rule suggests nothing"
-done
 
 # ---- From a model file, of an experiment file as well; and drawn
 # Promise(identification/apc-tune-suggest-tunings)
 
 "$apc" identify "$work/tested" --model transfer -o "$work/fast.model" >/dev/null
+"$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --tau-c 1.5 >"$work/calm.txt"
+awk '$2 == "then" && $3 < 0.07 { found = 1 } END { exit !found }' "$work/calm.txt" || fail "a longer tau_c is not calmer: $(cat "$work/calm.txt")"
+for rule in lambda relay; do
+  "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --rule $rule | grep -Eq '^as written by --apply: apc tune Kp=0\.' || fail "$rule suggests nothing"
+done
 "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps" >"$work/model.txt"
 # of a part of the same record, so almost the same
 near "Kp of the model file" "$(awk '$2 == "then" { print $3 }' "$work/model.txt")" "$Kp" 0.01
 near "Kp that the file has" "$(awk '$2 == "now" { print $3 }' "$work/model.txt")" 0.2 1e-9
 grep -q '</svg>' "$work/steps.svg" && [ -s "$work/steps.png" ] || fail "there is no figure"
-expect 4 'steps.svg.*--force' "$apc" tune --suggest "$work/tested" --figure "$work/steps"
-expect 0 'then' "$apc" tune --suggest "$work/tested" --figure "$work/steps" --force
+expect 4 'steps.svg.*--force' "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps"
+expect 0 'then' "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps" --force
 # numbers without a point, a zero that cancels a lag, and no other pair than it has
 echo 'transfer = ( { from = "u"; to = "y"; gain = 10; tau = [1.0, 0.5]; zero = 0.5; dead_time = 1; } );' >"$work/by-hand.model"
 echo 'transfer = ( { from = "u"; to = "y"; gain = 10; tau = [1.0]; dead_time = 1; } );' >"$work/without.model"
@@ -62,13 +62,13 @@ expect 1 'none.model: cannot be read: No such file' "$apc" tune --suggest "$work
 
 # ---- Applied: as one write of an operator's, and only then
 
-expect 4 'nobody applies it|has another|no controller' env APC_STORE="sqlite:$work/empty.db" bash -c "'$apc' init '$work/fast.conf' >/dev/null && '$apc' tune --suggest '$work/tested' --apply"
+expect 4 'nobody applies it|has another|no controller' env APC_STORE="sqlite:$work/empty.db" bash -c "'$apc' init '$work/fast.conf' >/dev/null && '$apc' tune --suggest '$work/fast.conf' --model '$work/fast.model' --apply"
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run"
 in_auto() { [ "$(sql "SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1")" = 1 ]; }
 until_true 60 in_auto
 rows() { sql 'SELECT count(*) FROM apc.tuning'; }
 before=$(rows)
-"$apc" tune --suggest "$work/tested" >/dev/null
+"$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" >/dev/null
 # Promise(identification/apc-tune-suggest-tunings)
 [ "$(rows)" = "$before" ] || fail "a suggestion was written unasked"
 expect 0 '^Kp: 0.2 -> 0\.1.* \(applied\)$' "$apc" tune --suggest "$work/tested" --apply
