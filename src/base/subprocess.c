@@ -13,6 +13,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#define LOST_ROOM 24 /* bytes of a line for how many were lost, and its end */
+
 static void keep_said(struct apc_subprocess *c, const char *text, size_t n)
 {
     if (n > APC_SUBPROCESS_SAID) {
@@ -46,7 +48,7 @@ void apc_subprocess_listen(struct apc_subprocess *c)
 
 void apc_subprocess_said(struct apc_subprocess *c, char *text, size_t size)
 {
-    const size_t room = size - 24;
+    const size_t room = size - LOST_ROOM;
     size_t n = c->n_said, used = 0;
 
     while (n > 0 && (c->said[n - 1] == '\n' || c->said[n - 1] == ' '))

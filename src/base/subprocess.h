@@ -7,8 +7,8 @@
  * descriptor 3. What it prints goes into a pipe that never makes it wait: what does not fit is gone. Who
  * keeps a subprocess asks it with its lock held, but where `starting` says that it is in other hands.
  */
-#ifndef APC_BASE_COMPANION_H
-#define APC_BASE_COMPANION_H
+#ifndef APC_BASE_SUBPROCESS_H
+#define APC_BASE_SUBPROCESS_H
 
 #include "base/base_internal.h"
 

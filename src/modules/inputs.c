@@ -413,7 +413,7 @@ static void take_output(struct apc_controller *c, size_t i)
     c->state[i].there = true;
 }
 
-/* ---- Facts --------------------------------------------------------------------------------- */
+/* ---- Inputs of the loop states ------------------------------------------------------------- */
 
 static void say_of_loop(struct apc_controller_state *l, const char *what, const char *who, const char *how)
 {

@@ -7,9 +7,9 @@
 
 /* From then on it is so, or no more: the plant is commanded, a loop out of service, an output at its fault
  * value. */
-struct fact {
+struct transition {
     apc_ns time;
-    enum { FACT_NONE = 0, FACT_COMMAND, FACT_OUT, FACT_FAULT } kind;
+    enum { TRANSITION_NONE = 0, TRANSITION_COMMAND, TRANSITION_OUT, TRANSITION_FAULT } kind;
     size_t at; /* loop, or output */
     bool is;
     int64_t number; /* of an event */
@@ -18,29 +18,29 @@ struct fact {
 struct control_history {
     const struct experiment *e;
     struct control *control;
-    struct fact *facts;
+    struct transition *transitions;
     size_t n, room;
-    int failed;       /* there is no memory for more */
-    struct fact next; /* as it is being read */
-    bool *out;        /* [loops] out of service */
-    bool *fault;      /* [nu] at its fault value */
-    size_t *outputs;  /* [loops] to which of the plant's outputs; dim.nu: to none */
+    int failed;             /* there is no memory for more */
+    struct transition next; /* as it is being read */
+    bool *out;              /* [loops] out of service */
+    bool *fault;            /* [nu] at its fault value */
+    size_t *outputs;        /* [loops] to which of the plant's outputs; dim.nu: to none */
     struct missing *missing;
     uint64_t rows; /* of the variable that is being read */
     int64_t first, last;
 };
 
-static int add_fact(struct control_history *v, const struct fact *fact)
+static int add_transition(struct control_history *v, const struct transition *transition)
 {
     if (v->n == v->room) {
         const size_t room = v->room ? 2 * v->room : 64;
-        struct fact *facts = realloc(v->facts, room * sizeof *facts);
-        if (!facts)
+        struct transition *transitions = realloc(v->transitions, room * sizeof *transitions);
+        if (!transitions)
             return v->failed = APC_ENOMEM;
-        v->facts = facts;
+        v->transitions = transitions;
         v->room = room;
     }
-    v->facts[v->n++] = *fact;
+    v->transitions[v->n++] = *transition;
     return 0;
 }
 
@@ -51,7 +51,7 @@ static int add_turn(struct control_history *v, apc_ns time, bool is)
         return 0;
     v->next.time = time;
     v->next.is = is;
-    return add_fact(v, &v->next);
+    return add_transition(v, &v->next);
 }
 
 static int take_mode(void *ctx, const struct apc_sample *row)
@@ -64,7 +64,8 @@ static int take_history_event(void *ctx, const struct apc_event *event)
     struct control_history *v = ctx;
     bool commanded;
     return control_hears(v->control, event, &commanded)
-               ? add_fact(v, &(struct fact){event->time, FACT_COMMAND, 0, commanded, event->number})
+               ? add_transition(
+                     v, &(struct transition){event->time, TRANSITION_COMMAND, 0, commanded, event->number})
                : 0;
 }
 
@@ -92,7 +93,7 @@ static const char *at_fault(const struct control_history *v)
 
 static int by_time(const void *a, const void *b)
 {
-    const struct fact *p = a, *q = b;
+    const struct transition *p = a, *q = b;
     return p->time != q->time ? (p->time > q->time) - (p->time < q->time)
                               : (p->number > q->number) - (p->number < q->number);
 }
@@ -100,12 +101,12 @@ static int by_time(const void *a, const void *b)
 static void tell_output_status(struct control_history *v)
 {
     if (v->n > 1)
-        qsort(v->facts, v->n, sizeof *v->facts, by_time);
+        qsort(v->transitions, v->n, sizeof *v->transitions, by_time);
     control_excuse(v->control, v->control->begin, any_output_out(v));
-    for (const struct fact *f = v->facts; f < v->facts + v->n; f++) {
-        if (f->kind == FACT_COMMAND) {
+    for (const struct transition *f = v->transitions; f < v->transitions + v->n; f++) {
+        if (f->kind == TRANSITION_COMMAND) {
             control_command(v->control, f->time, f->is);
-        } else if (f->kind == FACT_OUT) {
+        } else if (f->kind == TRANSITION_OUT) {
             v->out[f->at] = f->is;
             control_excuse(v->control, f->time, any_output_out(v));
         } else {
@@ -116,7 +117,8 @@ static void tell_output_status(struct control_history *v)
 }
 
 /* What is said in the file, then what was there before, then what was written. */
-static int read_mode_facts(struct control_history *v, struct apc_store *store, const struct apc_range *range)
+static int read_mode_transitions(struct control_history *v, struct apc_store *store,
+                                 const struct apc_range *range)
 {
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;
@@ -125,7 +127,7 @@ static int read_mode_facts(struct control_history *v, struct apc_store *store, c
         const struct controller *c = &v->e->controllers[i];
         for (size_t k = 0; k < c->dim.nu && rc >= 0; k++) {
             const int id = c->first_loop + (int)k;
-            v->next = (struct fact){.kind = FACT_OUT, .at = (size_t)id - 1};
+            v->next = (struct transition){.kind = TRANSITION_OUT, .at = (size_t)id - 1};
             v->outputs[v->next.at] = c->u[k].table == APC_ACTUATOR ? c->u[k].at : v->e->dim.nu;
             v->out[v->next.at] = v->next.is = c->mode == APC_MODE_OOS;
             if (range->since > 0)
@@ -142,7 +144,7 @@ static int take_history_row(void *ctx, const struct apc_sample *row)
     struct control_history *v = ctx;
     v->first = v->rows++ ? v->first : row->seq;
     v->last = row->seq;
-    return v->next.kind == FACT_FAULT
+    return v->next.kind == TRANSITION_FAULT
                ? add_turn(v, row->time, (row->status ^ APC_UNCERTAIN_SUBSTITUTE) >> 16 == 0)
                : 0;
 }
@@ -178,7 +180,7 @@ static int read_rows(struct control_history *v, struct apc_store *store, const s
                      enum apc_table table, size_t i)
 {
     v->rows = 0;
-    v->next = (struct fact){.kind = table == APC_SENSOR ? FACT_NONE : FACT_FAULT, .at = i};
+    v->next = (struct transition){.kind = table == APC_SENSOR ? TRANSITION_NONE : TRANSITION_FAULT, .at = i};
     int rc = apc_store_history(store, table, (int)i + 1, range, take_history_row, v);
     return rc >= 0 && table == APC_SENSOR ? count_measurement(v, store, i) : rc;
 }
@@ -236,7 +238,7 @@ int control_history_read(struct apc_store *store, const struct experiment *e, co
                                 .out = calloc(loops, sizeof *v.out),
                                 .fault = calloc(e->dim.nu, sizeof *v.fault),
                                 .outputs = calloc(loops, sizeof *v.outputs)};
-    int rc = v.out && v.fault && v.outputs ? read_mode_facts(&v, store, range) : APC_ENOMEM;
+    int rc = v.out && v.fault && v.outputs ? read_mode_transitions(&v, store, range) : APC_ENOMEM;
 
     if (rc >= 0)
         rc = read_all_rows(&v, store, range);
@@ -245,7 +247,7 @@ int control_history_read(struct apc_store *store, const struct experiment *e, co
     rc = rc >= 0 && v.failed ? v.failed : rc;
     if (rc >= 0)
         tell_output_status(&v);
-    free(v.facts);
+    free(v.transitions);
     free(v.out);
     free(v.fault);
     free(v.outputs);

@@ -18,9 +18,9 @@ struct missing {
     uint64_t rows, of; /* so many, of so many that there were */
 };
 
-/* Give @p control the facts of the range in their order: the witness's events, which outputs were at their
- * fault value, and when one was out of service (all loops that it has). The names that it and @p missing get
- * are @p e's. Returns 0 or a negative error. */
+/* Give @p control the transitions of the range in their order: the witness's events, which outputs were at
+ * their fault value, and when one was out of service (all loops that it has). The names that it and
+ * @p missing get are @p e's. Returns 0 or a negative error. */
 int control_history_read(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
                          struct control *control, struct missing *missing);
 

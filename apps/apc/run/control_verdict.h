@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Was the plant controlled? The state of its loop, as facts in the order of time, and the verdict on a run by
- * the time spent in each. The facts are of the plant's side and of the record: each trip and end of a trip of
- * the watchdog, which apc-plant tells, and of an external plant apc-client, each of them and none held back;
- * the status of the outputs' rows; and who was out of service.
+ * Was the plant controlled? The state of its loop, by its transitions in the order of time, and the verdict
+ * on a run by the time spent in each. The transitions are of the plant's side and of the record: each trip
+ * and end of a trip of the watchdog, which apc-plant tells, and of an external plant apc-client, each of them
+ * and none held back; the status of the outputs' rows; and who was out of service.
  */
-#ifndef APC_CONTROL_H
-#define APC_CONTROL_H
+#ifndef APC_CONTROL_VERDICT_H
+#define APC_CONTROL_VERDICT_H
 
 #include <stdio.h>
 
@@ -26,7 +26,7 @@ struct control {
     bool excused;           /* it is out of service: that nobody commands it is meant so */
     const char *fault;      /* an output that is at its fault value; NULL: none is */
     apc_ns cleared, link;   /* since when none is, while nothing else was; the watchdog's patience */
-    apc_ns begin, at, end;  /* from when on it counts; up to when the facts are known; where it ended */
+    apc_ns begin, at, end;  /* from when on it counts; up to when the state is known; where it ended */
     bool ever, controlled;  /* it was commanded; and by something better than fault values */
     struct spells bare;     /* no command, and not excused */
     struct spells faulty;   /* an output at its fault value */
@@ -38,7 +38,7 @@ struct control {
 void control_begin(struct control *c, bool external, apc_ns link, apc_ns begin);
 /* Does an event say whether the plant is commanded from then on? It is a start's, too: the plant waits. */
 bool control_hears(const struct control *c, const struct apc_event *event, bool *commanded);
-/* The facts, in rising order of time; one that comes late counts from the last one on. */
+/* The transitions, in rising order of time; one that comes late counts from the last one on. */
 void control_command(struct control *c, apc_ns time, bool commanded);
 /* From that time on a loop is out of service, or none is. */
 void control_excuse(struct control *c, apc_ns time, bool excused);
