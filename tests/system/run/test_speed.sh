@@ -49,9 +49,10 @@ expect 0 'controller: 30 of 30 ticks the same bit for bit' "$apc" replay "$work/
 
 # A write that comes while it goes on is on record at the tick at which it took effect; the simulation with it there is the run.
 begin going
-speed 20
+speed 2
 until_true 20 past 5
 expect 0 'r: 10 -> 12 .applied.' "$apc" set --store "$store" r 12
+speed pause # for those who look on, however long that takes
 expect 0 '2000-01-01T00:00' "$apc" status --store "$store"
 page=$(sed -n 's/^page: *//p' "$work/going.log")
 until_true 20 curl -fsS -o "$work/state.json" "${page}api/state"
