@@ -29,8 +29,7 @@ struct run {
     struct run_options options;
     struct experiment e;
     struct apc_store *store;
-    struct apc_store
-        *guard; /* of a simulated run: has its first measurement, which says that it is simulated */
+    struct apc_store *guard; /* --speed: claims the first measurement while it simulates */
     struct supervisor daemons;
     struct live *live;
     char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
