@@ -130,7 +130,7 @@ function Above({of, plant: p}: {of: Why | Unexplained; plant: Plant}): JSX.Eleme
 
 /** Who wrote it, when, and as the event has it. */
 function Author({of}: {of: Cause}): JSX.Element | null {
-  return of.written != null && of.author != null ? <small class="author">{tr("why.wrote", {time: clock(of.written), author: of.author, text: (of.event ?? "").replace("->", "→")}).replace(/: $/, "")}</small> : null;
+  return of.written != null && of.author != null ? <small class="author">{tr("why.wrote", {time: clock(of.written), author: of.author, text: said(of.event ?? "").replace("->", "→")}).replace(/: $/, "")}</small> : null;
 }
 
 function Told({name, text}: {name: "before" | "now"; text: string}): JSX.Element {

@@ -39,7 +39,7 @@ const both = {
   controllers: [...plant.controllers, {number: 2, name: "trial", period: 1}],
 };
 
-const published = [["y.target", "steady state aimed at"], ["u.target", ""], ["y.limit", ""], ["u.limit", ""], ["u.disturbance", "disturbance that nobody measures"], ["objective", ""], ["solve_time", ""], ["result", ""], ["iterations", ""], ["x1.estimate", "state of the model, estimated"]];
+const published = [["y.target", "steady-state target"], ["u.target", ""], ["y.limit", ""], ["u.limit", ""], ["u.disturbance", "disturbance that nobody measures, as it is estimated"], ["objective", ""], ["solve_time", ""], ["result", ""], ["iterations", ""], ["x1.estimate", "state of the model, estimated"]];
 const predictive = {...plant, variables: [...plant.variables, ...published.map(([name, description], i) => variable(`estimate.${10 + i}`, name, {description, period: 1}))]};
 
 export const drawing = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 60" font-size="6">
@@ -173,8 +173,14 @@ export class Fake {
 
   /** One of each kind and severity. */
   #events() {
-    const kinds = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
-    return kinds.map((kind, i) => ({time: this.now - 7 * (kinds.length - i), severity: 1 + (i % 3), kind, source: "apc-controller", text: `r: ${i} -> ${i + 1}`}));
+    const told = {
+      start: "running every 1 s", stop: "stopping on SIGTERM", mode: "u: mode Auto: output held: measurement 1 is stale", operator: "u mode: Auto -> Man (from 127.0.0.1)", access: "logged in from 127.0.0.1",
+      link: "plant lost, trying again: deadline passed", store: "store connected again", history: "the history has all again: 12 rows, up to 3.1 s late", measurement: "y is 12, which is beyond its range, 0 to 10: Bad",
+      command: "the plant is given its commands", readback: "the plant has the outputs that it was given again", law: "law mpc: no plan yet", ramp: "r: the ramp arrived at 5", standby: "stands by: already held by another writer",
+      rejected: "setpoint r refused: 12 is not within 0 to 10", watchdog: "no new command for 15.000 s: plant at its safe value", overrun: "2 ticks missed in the last 60 s", clock: "the wall clock stepped by +1.000 s; periods are not affected", alarm: "y.high",
+    };
+    const kinds = Object.entries(told);
+    return kinds.map(([kind, text], i) => ({time: this.now - 7 * (kinds.length - i), severity: 1 + (i % 3), kind, source: "apc-controller", text}));
   }
 
   #timing(asked) {

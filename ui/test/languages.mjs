@@ -15,13 +15,15 @@ const texts = language => {
   return new Map([...source.matchAll(/^ {2}"([^"]+)": ("(?:[^"\\]|\\.)*"),$/gm)].map(([, key, text]) => [key, JSON.parse(text)]));
 };
 const [english, german] = [texts("en"), texts("de")];
+/** What the server says, as patterns: of them the page words all but what is of the plant. */
+const sentences = [...readFileSync(new URL("../src/sentences.de.ts", import.meta.url), "utf8").matchAll(/^ {2}("(?:[^"\\]|\\.)*"): "/gm)].flatMap(([, text]) => JSON.parse(text).split(/\{[=\w]*\}/)).map(one => one.trim());
 const words = /[A-Za-z]{2,}/;
 /** The pieces between the places of a text, where they say enough to be told from a name: two words or a long one. */
 const pieces = text => text.split(/\{\w+\}|\*\*/).map(one => one.trim()).filter(one => /[a-z]{3,}\W+[A-Za-z]{2,}|^[A-Za-z]{7,}$/.test(one));
 const known = new Set([...german.values()].flatMap(text => [text, ...pieces(text)]));
 /** Whole texts, and long pieces of sentences, that are English alone. */
 const whole = new Set([...english.values()].filter(text => words.test(text) && !text.includes("{") && ![...known].some(one => one.toLowerCase() === text.toLowerCase())));
-const parts = [...english].flatMap(([key, text]) => (key.startsWith("error.") ? [] : pieces(text))).filter(one => one.split(/\s+/).length > 1 && ![...known].some(other => other.includes(one)));
+const parts = [...english].flatMap(([key, text]) => (key.startsWith("error.") ? [] : pieces(text))).filter(one => one.split(/\s+/).length > 1 && ![...known].some(other => other.includes(one))).concat(sentences.filter(one => one.split(/\s+/).length > 2));
 
 const PATIENCE = {timeout: 900000};
 let browser;

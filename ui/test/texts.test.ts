@@ -4,7 +4,9 @@ import assert from "node:assert/strict";
 import {readdirSync, readFileSync} from "node:fs";
 import path from "node:path";
 import {test} from "node:test";
-import {firstShipped, inEnglish, known, LANGUAGES, said, speak, tr} from "../src/core/texts";
+import {eventText, saysOf} from "../src/core/eventlist";
+import {described, firstShipped, inEnglish, known, LANGUAGES, said, speak, tr} from "../src/core/texts";
+import {sentences} from "../src/sentences.de";
 import {de} from "../src/texts.de";
 import {en} from "../src/texts.en";
 
@@ -27,19 +29,139 @@ test("each conflict that the server tells of has words in each language", () => 
   assert.deepEqual(codes.filter(code => !(code in de)), []);
 });
 
-test("each reason and state that the server has a sentence for has words in each language", () => {
-  const sentences = ([["modules/loop.c", "rules[] = {", "};"], ["../apps/apc-ui/plant/model.c", "return same ", "NULL;"], ["../apps/apc-ui/api/api_now.c", "up ? ", ");"]] as const).flatMap(([file, from, to]) => {
-    const source = readFileSync(path.resolve(process.cwd(), "../src", file), "utf8");
-    const at = source.indexOf(from);
-    return [...source.slice(at, source.indexOf(to, at)).matchAll(/"(\w+ [^"]+)"/g)].map(found => `said.${found[1]}`);
-  });
-  assert.ok(sentences.length >= 12);
-  assert.deepEqual(sentences.filter(one => !(one in de)), []);
+// ---- What the server says
+
+const top = path.resolve(process.cwd(), "..");
+const sources = new Map(["src", "apps"].flatMap(folder => (readdirSync(path.join(top, folder), {recursive: true}) as string[]).filter(name => name.endsWith(".c")).map(name => path.join(folder, name)))
+  .map(name => [name, readFileSync(path.join(top, name), "utf8").replace(/'"'/g, "''").replace(/("(?:[^"\\\n]|\\.)*")|\/\*[\s\S]*?\*\//g, "$1").replace(/(?<!\\)" PRI[a-z]?\d+\s*"/g, "llu").replace(/(?<!\\)"\s*"(?!,)/g, "")]));
+const source = (name: string): string => sources.get(name) ?? assert.fail(name);
+const strings = (text: string): string[] => [...text.matchAll(/"((?:[^"\\]|\\.)*)"/g)].map(found => (found[1] as string).replace(/\\"/g, '"'));
+
+/** From a "(" to its ")". */
+function inBrackets(text: string, at: number): string {
+  let depth = 0;
+  for (let i = at; i < text.length; i++) {
+    if (text[i] === '"') while (++i < text.length && text[i] !== '"') i += text[i] === "\\" ? 1 : 0;
+    else if (text[i] === "(") depth++;
+    else if (text[i] === ")" && --depth === 0) return text.slice(at, i + 1);
+  }
+  return assert.fail(`a bracket is not closed: ${text.slice(at, at + 80)}`);
+}
+
+/** Of a function: what stands in its braces. */
+const body = (name: string, of: string): string => {
+  const text = source(name);
+  const at = text.search(new RegExp(`^\\w[^\\n;]*\\b${of}\\([^;{]*\\{`, "m"));
+  assert.ok(at >= 0, `${name}: ${of}`);
+  return text.slice(at, text.indexOf("\n}", at));
+};
+
+/** Of a table that begins so. */
+const listed = (name: string, from: string, to: string): string => {
+  const at = source(name).indexOf(from);
+  assert.ok(at >= 0, `${name}: ${from}`);
+  return source(name).slice(at, source(name).indexOf(to, at));
+};
+
+// What tells an event, or a part of its sentence, and what puts one together.
+const TELLS = /\b(daemon_event(?:_at)?|simulation_tell|apc_note|apc_controller_note(?:_refused)?|refuse_wanted|tell_of_setpoint|tell_of_ramp|tell_broker_state|tell_login|tell_access|say_of_loop|report_loss|snprintf)\(/g;
+const INTO = /^\((?:(?:event|said|last)(?:\[\w+(?:\+\+)?\])?(?:->|\.)text|r->last\.text|notice->text|l->trouble|c->why,)/;
+const KIND = /APC_EVENT_\w+(?: : APC_EVENT_\w+)?,\s*"(\w+)"|\bkind = "(\w+)"\s*\}|\bkind, sizeof [\w.>-]+kind, "(\w+)"|\{APC_EVENT_\w+, "(\w+)"\}/g;
+
+function toldBy(): string[] {
+  return [...sources].filter(([name]) => !name.startsWith("apps/apc-fmu")).flatMap(([, text]) => [...text.matchAll(TELLS)].flatMap(found => {
+    const call = inBrackets(text, found.index + found[0].length - 1);
+    return found[1] === "snprintf" && !INTO.test(call) ? [] : strings(call.replace(/(APC_EVENT_\w+),\s*"\w+"/g, "$1").replace(/^\([\w>-]+, "apc-[^,]*,/, ""));
+  }));
+}
+
+/** As a key of the sentences: each place of a number or a text is {}, and what stands at the ends is left out. */
+const plain = (text: string): string => text.replace(/%[-+ #0]*[\d.*]*(?:hh|h|ll|l|z|j)?[a-zA-Z]|\{(?:=|mode|s|)\}/g, "{}").replace(/(?:\{\})+/g, "{}").replace(/^[\s:;,]*(?:\{\}[\s:;,]*)*|[\s:;,]*(?:\{\}[\s:;,]*)*$/g, "");
+const keys = Object.keys(sentences).map(plain);
+const missing = (all: string[]): string[] => [...new Set(all)].filter(one => /[a-z]{3}/.test(one.replace(/%[^a-zA-Z]*[a-zA-Z]/g, ""))).filter(one => !keys.some(key => key.includes(plain(one))));
+
+// Promise(page): Each sentence that the server tells of an event is in German as well.
+test("each event that the server tells of has a sentence in German", () => {
+  const told = toldBy();
+  assert.ok(told.length > 150, String(told.length));
+  const more = [["src/operate/operation.c", "change_words"], ["src/operate/operation.c", "operation_taken"], ["src/record/alarm_summary.c", "alarm_summary_words"], ["src/shareddata/history/failover.c", "mark_gap"],
+    ["src/modules/alarms.c", "refuse_ack"], ["src/modules/alarms.c", "refuse_shelf"], ["src/modules/alarms.c", "refusal_of_wish"], ["src/control/instance.c", "apc_instances_compute"], ["apps/apc-mqtt/main.c", "tell_refusals"], ["src/control/mpc.c", "reason_of_no_plan"]] as const;
+  assert.deepEqual(missing([...told, ...more.flatMap(([name, of]) => strings(body(name, of)))]), []);
+});
+
+test("each outcome of a write has a sentence in German", () => {
+  const outcomes = ["change_finish", "finish_open", "finish_refused", "change_nobody", "absence_of_taker", "change_over"].flatMap(of => strings(body("src/operate/operation.c", of)));
+  assert.ok(outcomes.length > 20);
+  const codes = new Set(["applied", "superseded", "refused", "unconfirmed", "nobody", "value"]);
+  assert.deepEqual(missing(outcomes.filter(one => !codes.has(one))), []);
+});
+
+test("each kind of event has a word in each language, and can be chosen", () => {
+  const kinds = new Set([...sources].flatMap(([, text]) => [...text.matchAll(KIND)].map(found => found.slice(1).find(one => one != null) as string)));
+  for (const one of ["link", "overrun", "history", "mqtt"]) assert.ok(kinds.has(one), one);
+  assert.deepEqual([...kinds].filter(one => !(`events.kind.${one}` in de)), []);
+  const chosen = [.../const KINDS = \[(.*)\]/.exec(readFileSync("src/pages/events.tsx", "utf8"))?.[1]?.matchAll(/"(\w+)"/g) ?? []].map(found => found[1]);
+  assert.deepEqual([...chosen].sort(), Object.keys(en).flatMap(key => /^events\.kind\.(\w+)$/.exec(key)?.[1] ?? []).sort());
+});
+
+test("each error, reason and state that the server has a sentence for has one in German", () => {
+  const errors = readFileSync(path.join(top, "include/apcbase.h"), "utf8");
+  const all = [...errors.matchAll(/X\(APC_\w+, -\d+, "([^"]+)"\)/g)].map(found => found[1] as string);
+  assert.ok(all.length >= 17);
+  for (const [name, from, to] of [["src/modules/loop.c", "rules[] = {", "};"], ["apps/apc-ui/plant/model.c", "return same ", "NULL;"], ["apps/apc-ui/api/api_now.c", "up ? ", ");"]] as const)
+    all.push(...strings(listed(name, from, to)).filter(one => one.includes(" ")));
+  assert.deepEqual(all.filter(one => !(one in sentences)), []);
+});
+
+// Promise(page): What laws have and publish is described in German as well.
+test("each parameter that a law has, and each variable that it publishes, is described in German", () => {
+  const laws = [...sources].filter(([name]) => name.startsWith("src/control/"));
+  const parameters = laws.flatMap(([, text]) => [...text.matchAll(/\{"\w+", "[^"]*", "([^"]+)",\s*-?(?:[\d.]|NO_LIMIT)/g)].map(found => found[1] as string));
+  const published = laws.flatMap(([name, text]) => [...strings(text.match(/declare_published\([^;]*;/g)?.join("") ?? ""), ...[...text.matchAll(/(?:\bwhat\[\] =|\.description =)\s*"([^"]+)"/g)].filter(() => /publish|select/.test(name)).map(found => found[1] as string)])
+    .filter(one => one.includes(" ") && !/inputs$/.test(one));
+  const made = [...source("src/experiment/provision.c").matchAll(/plain_tag\((APC_ACTUAL|APC_MANUAL|APC_ESTIMATE|APC_OPMODE),[^;"]*"([^"]+ [^"]+)"/g)].map(found => found[2] as string);
+  assert.ok(parameters.length > 30 && published.length > 9 && made.length >= 6, `${parameters.length} ${published.length} ${made.length}`);
+  assert.deepEqual([...parameters, ...published, ...made].filter(one => !(one in sentences)), []);
+});
+
+test("the sentences of the server have their places in order", () => {
+  for (const [english, german] of Object.entries(sentences)) {
+    const n = [...english.matchAll(/\{(?:=|mode|)\}/g)].length;
+    assert.deepEqual(places(german), Array.from({length: n}, (_, i) => String(i + 1)), english);
+  }
+});
+
+test("the server's sentences are worded in German, whatever they are put together of", () => {
+  const events = {
+    "running every 1 s": "läuft alle 1 s",
+    "2 ticks missed in the last 60 s": "2 Takte in den letzten 60 s ausgelassen",
+    "1 tick missed in the last 60 s": "1 Takte in den letzten 60 s ausgelassen",
+    "plant lost, trying again: not connected": "Anlage verloren, neuer Versuch: nicht verbunden",
+    "plant connected": "Anlage verbunden",
+    "r: 10 -> 12 (from 127.0.0.1): out of service": "r: 10 -> 12 (von 127.0.0.1): out of service",
+    "r: 10 -> 12 over 600 s (from ::1)": "r: 10 -> 12 in 600 s (von ::1)",
+    "u mode: Auto -> Man (undo) (from ::1)": "u Betriebsart: Automatik -> Hand (rückgängig) (von ::1)",
+    "y.high: acknowledged (from ::1): seen": "y.high: quittiert (von ::1): seen",
+    "h1: mode Auto: output held: measurement 3 is stale": "h1: Betriebsart Automatik: Stellgröße gehalten: Messwert 3 veraltet",
+    "mode Man": "Betriebsart Hand",
+    "u: output held: law pi failed": "u: Stellgröße gehalten: Regelgesetz pi ist fehlgeschlagen",
+    "no new command for 15.000 s: plant at its safe value": "seit 15.000 s kein neuer Stellbefehl: Anlage auf ihrem sicheren Wert",
+    "r: the ramp arrived at 50": "r: die Rampe ist angekommen bei 50",
+    "r is Local: its steps are not written; q is Remote: its steps are written again": "r ist lokal: seine Schritte werden nicht geschrieben; q ist Remote: seine Schritte werden wieder geschrieben",
+    "nothing that is known: y": "nothing that is known: y",
+  };
+  speak("de");
+  for (const [english, german] of Object.entries(events)) assert.equal(said(english), german);
+  assert.equal(eventText({kind: "alarm", text: "y.high: out of service"}), "y.high: out of service");
+  assert.deepEqual([{table: "tuning", description: "proportional gain"}, {table: "sensor", description: "lead time"}].map(described), ["Proportionalverstärkung", "lead time"]);
+  assert.ok(saysOf({time: 0, severity: 1, source: "", kind: "mode", text: "mode Man"}, "hand") && saysOf({time: 0, severity: 1, source: "", kind: "mode", text: "mode Man"}, "man"));
+  speak("en");
+  for (const english of Object.keys(events)) assert.equal(said(english), english);
 });
 
 test("each text is in use", () => {
   const folder = path.resolve(process.cwd(), "src");
-  const files = (readdirSync(folder, {recursive: true}) as string[]).filter(name => /\.tsx?$/.test(name) && !/^texts\./.test(name));
+  const files = (readdirSync(folder, {recursive: true}) as string[]).filter(name => /\.tsx?$/.test(name) && !/^(?:texts|sentences)\./.test(name));
   const source = files.map(name => readFileSync(path.join(folder, name), "utf8")).join("\n");
   const groups = [...source.matchAll(/tr\(`([\w.]+\.)\$\{|known\("([\w.]+)"/g)].map(found => found[1] ?? `${found[2]}.`);
   assert.deepEqual(Object.keys(en).filter(key => !source.includes(`"${key}"`) && !groups.some(group => key.startsWith(group))), []);
@@ -49,7 +171,7 @@ test("a text is that of the language spoken, and English for files", () => {
   assert.equal(tr("trend.fresh", {n: 3}), "3 new");
   speak("de");
   assert.deepEqual([tr("trend.fresh", {n: 3}), known("mode", "Man"), known("mode", "RCas"), tr("value.range", {low: "1.5", high: "2"})], ["3 neu", "Hand", "RCas", "1.5 bis 2"]);
-  assert.deepEqual(["output held", "output held: y is Bad", "in shadow: another controller acts", "y is Bad"].map(said), ["Stellgröße gehalten", "Stellgröße gehalten: y is Bad", "im Schattenbetrieb: ein anderer Regler wirkt", "y is Bad"]);
+  assert.deepEqual(["output held", "output held: measurement 1 is Bad", "in shadow: another controller acts", "y is Bad"].map(said), ["Stellgröße gehalten", "Stellgröße gehalten: Messwert 1 schlecht", "im Schattenbetrieb: ein anderer Regler wirkt", "y is Bad"]);
   assert.equal(inEnglish(() => tr("common.none")), "none");
   assert.throws(() => inEnglish(() => { throw new Error("no file"); }));
   assert.equal(tr("common.none"), "keine");

@@ -2,7 +2,7 @@
 // Requests to the daemon, with its errors as they are.
 import {env} from "./env";
 import type {Session} from "./types";
-import {known, tr} from "./texts";
+import {known, said, tr} from "./texts";
 
 export class ApiError extends Error {
   constructor(
@@ -54,7 +54,7 @@ async function request<T>(path: string, init: RequestInit, timeout: number, plai
 /** What the server says is English; of the common errors the page has words. */
 function worded(code: string, message: string): string {
   const words = known("error", code);
-  return words === code ? message : words.replace("{message}", message);
+  return words === code ? said(message) : words.replace("{message}", () => said(message));
 }
 
 type Query = Record<string, string | number | null | undefined>;

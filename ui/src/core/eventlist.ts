@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+import {said} from "./texts";
 import type {PlantEvent} from "./types";
 
 export interface Filter {
@@ -9,6 +10,12 @@ export interface Filter {
   seconds: number;
 }
 
+/** In the language spoken; what an alarm says and what people enter is their own. */
+export const eventText = ({kind, text}: Pick<PlantEvent, "kind" | "text">): string => (kind === "alarm" || kind === "log" ? text : said(text));
+
+/** By what is shown, and by what the server has. */
+export const saysOf = (e: PlantEvent, text: string): boolean => `${eventText(e)}\n${e.text}`.toLowerCase().includes(text.toLowerCase());
+
 /** As the server filters, for what comes by the stream. */
 export function matches(f: Filter, e: PlantEvent, now: number): boolean {
   return (
@@ -16,7 +23,7 @@ export function matches(f: Filter, e: PlantEvent, now: number): boolean {
     e.severity >= f.severity &&
     (f.kind === "" || e.kind === f.kind) &&
     (f.source === "" || e.source === f.source) &&
-    e.text.toLowerCase().includes(f.text.toLowerCase())
+    saysOf(e, f.text)
   );
 }
 

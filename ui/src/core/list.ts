@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The overview of many loops: areas as a tree, what a search leaves of it, and which rows are in sight. Pure.
 import {type Alarm, isUnacknowledged, refsOf} from "./alarms";
+import {described} from "./texts";
 import type {Loop, Plant, Ref, Variable} from "./types";
 
 /** As people count: y2 before y10. Without Intl, whose tables keep a browser 25 to 230 ms when it is used first. */
@@ -40,7 +41,7 @@ export function itemsOf(p: Plant): Item[] {
   });
   const others = p.variables
     .filter(one => one.table === "sensor" && !used.has(one.ref))
-    .map((one): Item => item({key: one.ref, name: one.name, about: one.description, area: one.area, unit: one.unit, loop: null, measurement: one.ref, refs: [one.ref]}));
+    .map((one): Item => item({key: one.ref, name: one.name, about: described(one), area: one.area, unit: one.unit, loop: null, measurement: one.ref, refs: [one.ref]}));
   return [...loops, ...others];
 }
 

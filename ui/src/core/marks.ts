@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What happened, along the time axis of a trend. Pure.
 import {priorityOf} from "./alarms";
+import {eventText} from "./eventlist";
 import type {AlarmIs, PlantEvent} from "./types";
 
 export interface Mark {
@@ -15,7 +16,7 @@ const KINDS = ["operator", "mode", "alarm", "start", "stop", "watchdog", "link",
 export function marksOf(events: PlantEvent[], alarms: AlarmIs[], from: number, to: number): Mark[] {
   return events
     .filter(one => one.time >= from && one.time <= to && (one.severity > 1 || KINDS.includes(one.kind)))
-    .map(one => ({t: one.time, priority: priorityOf(one, alarms), text: `${one.source}: ${one.text.replace("->", "→")}`}));
+    .map(one => ({t: one.time, priority: priorityOf(one, alarms), text: `${one.source}: ${eventText(one).replace("->", "→")}`}));
 }
 
 /** Those within reach of a time, the nearest first. */

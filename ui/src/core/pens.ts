@@ -4,7 +4,7 @@ import {duration, exact} from "./format";
 import {placeOf} from "./place";
 import type {Plant, Ref, Variable} from "./types";
 import {LEAST, MOST, type Window} from "./view";
-import {tr} from "./texts";
+import {described, tr} from "./texts";
 
 export const MOST_PENS = 12;
 const BEGIN = "pens=";
@@ -106,7 +106,7 @@ export function matching(text: string, p: Plant, there: Variable[]): Variable[] 
     return name === words[0] ? 0 : name.startsWith(words[0] as string) ? 1 : name.includes(words[0] as string) ? 2 : 3;
   };
   return p.variables
-    .filter(one => !there.includes(one) && words.every(word => `${one.name} ${one.ref} ${one.unit} ${one.description} ${one.area}`.toLowerCase().includes(word)))
+    .filter(one => !there.includes(one) && words.every(word => `${one.name} ${one.ref} ${one.unit} ${described(one)} ${one.description} ${one.area}`.toLowerCase().includes(word)))
     .map((one, i) => ({one, at: rank(one) * 1e6 + i}))
     .sort((a, b) => a.at - b.at)
     .slice(0, SHOWN)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The page's own words, in the language that somebody chose. A text that a language lacks, has beyond the others, or whose
 // places are not those of the English one, does not compile.
+import {sentences as germanSentences} from "../sentences.de";
 import {de} from "../texts.de";
 import {en} from "../texts.en";
 
@@ -40,10 +41,72 @@ export function known(group: string, word: string, instead = word): string {
   return (texts[spoken] as Record<string, string>)[`${group}.${word}`] ?? instead;
 }
 
-/** A sentence of the server's, or its beginning: what stands behind a colon is of this plant. */
+// What the server says comes in English: patterns of whole sentences, the first that fits counts.
+interface Pattern {
+  least: string; // the longest piece, without which it cannot fit
+  whole: RegExp;
+  holes: string[];
+  to: string;
+}
+type Sentences = {exact: Record<string, string>; patterns: Pattern[]; said: Map<string, string>};
+
+const HOLE = /\{(=|mode|s|)\}/;
+const KEPT = 5000; // that were said, so that a list of them is worded once
+
+function patternOf([english, to]: [string, string]): Pattern {
+  const parts = english.split(HOLE);
+  const literal = parts.filter((_, i) => i % 2 === 0);
+  const hole = (kind: string): string => (kind === "mode" ? "(Auto|Man|Cas|OOS|IMan|LO)" : kind === "s" ? "s?" : "((?:(?!; ).)+?)");
+  return {
+    least: literal.reduce((most, one) => (one.length > most.length ? one : most), ""),
+    whole: new RegExp(`^${parts.map((part, i) => (i % 2 ? hole(part) : part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&"))).join("")}$`),
+    holes: parts.filter((part, i) => i % 2 && part !== "s"),
+    to,
+  };
+}
+
+const read = (exact: Record<string, string>): Sentences => ({exact, patterns: Object.entries(exact).filter(([english]) => HOLE.test(english)).map(patternOf), said: new Map()});
+const SENTENCES: Partial<Record<Language, Sentences>> = {de: read(germanSentences)};
+
+/** Does the page word what the server says? */
+export const rewords = (): boolean => SENTENCES[spoken] != null;
+
+function reworded(text: string, of: Sentences): string {
+  const exact = of.exact[text];
+  if (exact != null) return exact;
+  for (const {least, whole, holes, to} of of.patterns) {
+    const found = text.includes(least) ? whole.exec(text) : null;
+    if (found) return to.replace(/\{(\d)\}/g, (_, n: string) => {
+      const piece = found[Number(n)] as string;
+      const kind = holes[Number(n) - 1];
+      return kind === "=" ? piece : kind === "mode" ? known("mode", piece) : reworded(piece, of);
+    });
+  }
+  for (const between of ["; ", ": "]) {
+    const at = text.indexOf(between);
+    if (at > 0) return `${reworded(text.slice(0, at), of)}${between}${reworded(text.slice(at + between.length), of)}`;
+  }
+  return text;
+}
+
+/** A sentence of the server's in the language spoken; what is of this plant, or not known, stands as it comes. */
 export function said(text: string): string {
-  const [begin, ...rest] = text.split(": ");
-  return known("said", text, [known("said", begin as string), ...rest].join(": "));
+  const of = SENTENCES[spoken];
+  if (!of) return text;
+  let words = of.said.get(text);
+  if (words == null) {
+    words = reworded(text, of);
+    if (of.said.size >= KEPT) of.said.clear();
+    of.said.set(text, words);
+  }
+  return words;
+}
+
+const PLANTS = new Set(["sensor", "actuator", "setpoint"]);
+
+/** The plant's own signals are described in the experiment file; what is made of laws and loops, by the server. */
+export function described({table, description}: {table: string; description: string}): string {
+  return PLANTS.has(table) ? description : said(description);
 }
 
 /** What goes into a file is read by programs: it is the same in each language. */

@@ -4,6 +4,7 @@ import type {JSX} from "preact";
 import {useRef, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
+import {eventText} from "../core/eventlist";
 import {csv, iso, stamp, zone} from "../core/format";
 import {alarms, events, plant, refill} from "../core/model";
 import {type Journal, journalOf} from "../core/journal";
@@ -17,6 +18,13 @@ import {inEnglish, known, tr} from "../core/texts";
 const TIMES = [{name: "common.last1h", seconds: 3600}, {name: "common.last8h", seconds: 28800}, {name: "common.last24h", seconds: 86400}, {name: "common.last7d", seconds: 7 * 86400}] as const;
 const EVENTS = 1000;
 const MOST = 300; // rows at once
+
+/** What was said of an alarm, without its name and from where. */
+function wordsOf({kind, text}: PlantEvent, name: string): string {
+  const own = text.slice(name === "" ? 0 : name.length + 2);
+  const [what = "", because] = own.split(/ \(from [^)]*\)/);
+  return `${eventText({kind, text: what})}${because ?? ""}`;
+}
 
 export function AlarmJournal(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
@@ -48,7 +56,7 @@ export function AlarmJournal(): JSX.Element {
   const about = new Map(all.map(one => [one.alarm, one]));
   const said = (one: PlantEvent): string => (about.has(alarmSaid(one)) ? alarmSaid(one) : "");
   const name = (one: Entry): string => one.transition?.alarm ?? said(one.said as PlantEvent);
-  const words = (one: Entry): string => (one.said ? one.said.text.slice(name(one) === "" ? 0 : name(one).length + 2).replace(/ \(from [^)]*\)/, "") : one.transition.raised ? tr("journal.activated") : stateWords(one.transition.state));
+  const words = (one: Entry): string => (one.said ? wordsOf(one.said, name(one)) : one.transition.raised ? tr("journal.activated") : stateWords(one.transition.state));
   const who = (one: Entry): string => (one.said ? one.said.source : (one.transition.author ?? ""));
   const shown = entries.filter(one => {
     const of = about.get(name(one));

@@ -6,16 +6,16 @@ import {useCell} from "../usecell";
 import {downloadText} from "../download";
 import {env} from "../core/env";
 import {csv, iso, stamp, zone} from "../core/format";
-import {hole, merge, matches, type Filter} from "../core/eventlist";
+import {eventText, hole, merge, matches, type Filter} from "../core/eventlist";
 import {events, plant, refill, serverNow} from "../core/model";
 import {EventShape} from "../parts/eventshape";
 import {Note} from "../parts/shape";
 import type {Loop, PlantEvent} from "../core/types";
-import {inEnglish, known, tr} from "../core/texts";
+import {inEnglish, known, rewords, tr} from "../core/texts";
 import {loopOf, moved} from "../core/why";
 import {WhyButton} from "../why";
 
-const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm", "log", "handover"];
+const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "history", "measurement", "command", "readback", "law", "ramp", "standby", "rejected", "watchdog", "overrun", "clock", "alarm", "notify", "health", "mqtt", "certificate", "log", "handover"];
 const SINCE = [
   {name: "common.last1h", seconds: 3600},
   {name: "common.last24h", seconds: 86400},
@@ -38,7 +38,8 @@ export function EventsPage(): JSX.Element {
     const called = env.later(() => {
       const {severity, kind, source, text, seconds} = filter;
       const dropped = events.value.dropped;
-      get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text, since: -seconds, last: most}).then(
+      const own = rewords() && text !== ""; // the page searches what it shows
+      get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text: own ? "" : text, since: -seconds, last: own ? 5000 : most}).then(
         answer => {
           if (!wanted) return;
           setPast({...answer, dropped});
@@ -54,7 +55,7 @@ export function EventsPage(): JSX.Element {
   }, [filter, most, filled, again]);
 
   const now = serverNow();
-  const list = merge(past.events.filter(one => one.time >= now - filter.seconds), streamed.list.filter(one => matches(filter, one, now)));
+  const list = merge(past.events.filter(one => matches(filter, one, now)), streamed.list.filter(one => matches(filter, one, now)));
   const gap = hole(list, past.events, streamed.dropped - past.dropped);
   const set = (part: Partial<Filter>): void => setFilter({...filter, ...part});
   const exportCsv = (): void =>
@@ -123,7 +124,7 @@ export function EventsPage(): JSX.Element {
                 </td>
                 <td data-label={tr("common.kind")}>{known("events.kind", one.kind)}</td>
                 <td data-label={tr("common.source")}>{one.source}</td>
-                <td class="wide" data-label={tr("common.message")}>{one.text} <WhyButton loop={loopOf(one, loops)} after={one.time} of={one.text} /></td>
+                <td class="wide" data-label={tr("common.message")}>{eventText(one)} <WhyButton loop={loopOf(one, loops)} after={one.time} of={eventText(one)} /></td>
               </tr>,
             ]).reverse()}
           </tbody>

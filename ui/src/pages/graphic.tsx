@@ -22,7 +22,7 @@ import {told, Value} from "../parts/value";
 import {path} from "../router";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
-import {known, tr} from "../core/texts";
+import {described, known, tr} from "../core/texts";
 
 export function GraphicPage(): JSX.Element {
   const p = useCell(plant);
@@ -145,7 +145,7 @@ function useWords(one: Variable): {text: string; label: string; kind: string; al
   const value = now.value == null ? missing : (mode && known("mode", mode)) ?? `${told(one.ref, now.value)}${one.unit ? ` ${one.unit}` : ""}`;
   const what = now.value == null ? "none" : worth(now.status) === "bad" ? "bad" : now.stale ? "stale" : worth(now.status);
   const why = what === "bad" || what === "uncertain" ? words(now.status) : what === "stale" ? tr("parts.old", {time: duration(now.age)}) : what === "none" && one.period != null ? tr("parts.noSample") : "";
-  const about = one.description ? `${one.description}, ${one.name}` : one.name;
+  const about = [described(one), one.name].filter(Boolean).join(", ");
   const glyph = alarm ? `${GLYPHS[alarm.priority]}${alarm.priority} ` : "";
   return {text: why ? `${value}, ${why}` : value, label: `${about}: ${glyph}${value}${why ? `, ${why}` : ""}${alarm ? `, ${tr("graphic.alarm", {alarm: alarm.alarm, priority: alarm.priority})}` : ""}`, kind: what, alarm};
 }
@@ -204,7 +204,7 @@ function Signals({of}: {of: Variable[]}): JSX.Element {
           {of.map(one => (
             <tr key={one.ref}>
               <th scope="row">{one.name} <AlarmMark of={[one.ref]} /></th>
-              <td class="wide" data-label={tr("common.description")}>{one.description}</td>
+              <td class="wide" data-label={tr("common.description")}>{described(one)}</td>
               <td class="number" data-label={tr("common.value")}><Value of={one.ref} unit /></td>
             </tr>
           ))}

@@ -5,10 +5,10 @@ import {useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {get, post} from "../core/api";
 import {csv, iso, stamp, zone} from "../core/format";
-import {merge} from "../core/eventlist";
+import {eventText, merge, saysOf} from "../core/eventlist";
 import {DONE, ENTRIES, entryTooLong, isEntry, type Shift, shiftOf} from "../core/logbook";
 import {alarms, events, live, modesOfLoop, plant, refill, second, serverNow} from "../core/model";
-import {known, tr} from "../core/texts";
+import {known, rewords, tr} from "../core/texts";
 import type {PlantEvent} from "../core/types";
 import {downloadText} from "../download";
 import {useAnswer} from "../useanswer";
@@ -31,10 +31,11 @@ export function LogBookPage(): JSX.Element {
   const filled = useCell(refill);
   const p = useCell(plant);
   const kinds = whole ? DONE : ENTRIES;
-  const {answer, error} = useAnswer(() => ask(kinds, seconds, most, text), [seconds, text, whole, most, filled]);
+  const own = rewords() && text !== ""; // it searches what it shows
+  const {answer, error} = useAnswer(() => ask(kinds, seconds, own ? 5000 : most, own ? "" : text), [seconds, own || text, whole, most, filled]);
   const now = serverNow();
-  const fits = (one: PlantEvent): boolean => kinds.includes(one.kind) && one.time >= now - seconds && one.text.toLowerCase().includes(text.toLowerCase());
-  const list = merge(answer?.events ?? [], streamed.list.filter(fits)).filter(one => one.time >= now - seconds);
+  const fits = (one: PlantEvent): boolean => kinds.includes(one.kind) && one.time >= now - seconds && saysOf(one, text);
+  const list = merge(answer?.events ?? [], streamed.list).filter(fits);
   const exportCsv = (): void => downloadText(`${p?.name ?? "apc"}-log.csv`, csv([["time", "source", "kind", "text"], ...list.map(one => [iso(one.time), one.source, one.kind, one.text])]));
   return (
     <section class="logbook">
@@ -71,7 +72,7 @@ export function LogBookPage(): JSX.Element {
                 <td class="digits" data-label={tr("common.time")}>{stamp(one.time, 0)}</td>
                 <td data-label={tr("log.who")}>{one.source}</td>
                 <td data-label={tr("common.kind")}>{known("events.kind", one.kind)}</td>
-                <td class="wide" data-label={tr("common.message")}>{one.text}</td>
+                <td class="wide" data-label={tr("common.message")}>{eventText(one)}</td>
               </tr>
             )).reverse()}
           </tbody>

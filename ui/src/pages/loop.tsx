@@ -7,6 +7,7 @@ import {useCell} from "../usecell";
 import {exact, missing, number, when} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
 import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
+import {eventText} from "../core/eventlist";
 import {alarms, control, decimals, events, inShadow, live, modesOfLoop, plant, variable, writes} from "../core/model";
 import {predictors} from "../core/prediction";
 import {usable} from "../core/quality";
@@ -228,7 +229,7 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
     text = `${when(write.time)}, ${write.user}: ${changes.join(", ")} (${tr(`write.${write.state}`)})`;
-  } else if (event) text = `${when(event.time)}, ${event.source}: ${event.text.replace("->", "→")}`;
+  } else if (event) text = `${when(event.time)}, ${event.source}: ${eventText(event).replace("->", "→")}`;
   return (
     <p class="last-action">
       <b>{tr("loop.lastAction")}</b> {write?.state === "failed" && <Note grave label={tr("common.failed")} />} {text}

@@ -20,7 +20,7 @@ import {Tag} from "../parts/tag";
 import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
 import type {Controller, Loop, Plant, Ref, Variable} from "../core/types";
-import {tr} from "../core/texts";
+import {described, tr} from "../core/texts";
 
 const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.Element {
   const scale = useCell(loopScale(loop));
@@ -71,7 +71,7 @@ const Measurement = memo(function Measurement({of, table}: {of: Ref; table: bool
       <th scope="row">
         <a href={path("trend", of)}><Tag name={one?.name} /></a>
         <AlarmMark of={[of]} />
-        <small>{one?.description}</small>
+        <small>{one && described(one)}</small>
       </th>
       <td class="wide" data-label={tr("overview.onScale")}><Bar label={one?.name ?? of} value={of} scale={scale} ends /></td>
       <td class="number" data-label={tr("common.value")}><Value of={of} unit /></td>

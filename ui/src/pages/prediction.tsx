@@ -27,7 +27,7 @@ import {repaint} from "../theme";
 import {type DrawnPen, TrendChart, type TrendData} from "../trendchart";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
-import {tr} from "../core/texts";
+import {described, tr} from "../core/texts";
 import {rich} from "../rich";
 
 const WORTH = 300; // s between two questions for the share of the time in service
@@ -97,7 +97,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
                   <tr key={one.ref}>
                     <th scope="row"><Tag name={one.name} /></th>
                     <td class="number" data-label={tr("prediction.current")}><Value of={one.ref} unit /></td>
-                    <td class="wide" data-label={tr("common.description")}>{one.description}</td>
+                    <td class="wide" data-label={tr("common.description")}>{described(one)}</td>
                   </tr>
                 ))}
               </tbody>

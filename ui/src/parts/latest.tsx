@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {folded, merge} from "../core/eventlist";
+import {eventText, folded, merge} from "../core/eventlist";
 import {clock, zone} from "../core/format";
 import {events, refill} from "../core/model";
 import {path} from "../router";
@@ -47,7 +47,7 @@ export function Latest(): JSX.Element {
               <td class="digits">{clock(one.time)}</td>
               <td><EventShape of={one} /></td>
               <td>{one.source}</td>
-              <td class="wide">{one.text}{times > 1 && <span class="say"> {tr("parts.timesSince", {times, time: clock(since)})}</span>}</td>
+              <td class="wide">{eventText(one)}{times > 1 && <span class="say"> {tr("parts.timesSince", {times, time: clock(since)})}</span>}</td>
             </tr>
           ))}
         </tbody>

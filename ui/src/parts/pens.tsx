@@ -5,7 +5,7 @@ import {useState} from "preact/hooks";
 import {matching, MOST_PENS} from "../core/pens";
 import type {Pen} from "../core/trend";
 import type {Plant, Variable} from "../core/types";
-import {tr} from "../core/texts";
+import {described, tr} from "../core/texts";
 
 /** The line of a pen, as in the chart: by dashes as well as by colour. */
 export function Stroke({pen}: {pen: Pick<Pen, "colour" | "dash">}): JSX.Element {
@@ -44,7 +44,7 @@ export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[];
         <ul class="matches">
           {matches.map(one => (
             <li key={one.ref}>
-              <button type="button" onClick={() => take(one)}>{one.name}{one.unit && ` [${one.unit}]`} <small>{one.description || one.ref}</small></button>
+              <button type="button" onClick={() => take(one)}>{one.name}{one.unit && ` [${one.unit}]`} <small>{described(one) || one.ref}</small></button>
             </li>
           ))}
         </ul>

@@ -8,7 +8,7 @@ import {isFinal, isUndoable, type WriteView} from "../core/lifecycle";
 import {second, serverNow} from "../core/model";
 import {forget, slot, undo} from "../core/writing";
 import {Note} from "./shape";
-import {tr} from "../core/texts";
+import {said, tr} from "../core/texts";
 
 interface Props {
   of: string;
@@ -26,7 +26,7 @@ export function WriteStatus({of, retry}: Props): JSX.Element {
           <span class={`phase ${view.phase}`}>
             {view.to}: {tr(`write.${view.phase}`)}
             {view.phase === "applied" && ` ${clock(view.at)}`}
-            {view.reason && view.phase !== "applied" && ` – ${view.reason}`}
+            {view.reason && view.phase !== "applied" && ` – ${said(view.reason)}`}
           </span>
           <Undo of={of} view={view} />
           {view.phase === "failed" && view.kind !== "undo" && (

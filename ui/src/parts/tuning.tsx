@@ -10,7 +10,7 @@ import type {Loop, Ref} from "../core/types";
 import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 import {Tag} from "./tag";
-import {tr} from "../core/texts";
+import {described, tr} from "../core/texts";
 
 type Drafts = Record<Ref, {text: string; seq: number}>;
 
@@ -35,7 +35,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
     <tr class={draft ? "editing" : ""}>
       <th scope="row">
         <label for={id}><Tag name={label} /></label>
-        <small>{one?.description}</small>
+        <small>{one && described(one)}</small>
       </th>
       <td class="number" data-ref={of}>{exact(now.value)}</td>
       <td>
