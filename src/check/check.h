@@ -148,6 +148,8 @@ struct scenario_trigger {
     struct action action;
     size_t fault; /* its place in e.faults or e.actuator_faults */
     struct apc_disturbance disturbance;
+    char path[APC_TAG_LEN + 56]; /* of the list in the experiment that has it, or of a fault itself */
+    char *text;                  /* what it is there, behind its time; NULL: a fault */
 };
 
 struct scenario {
@@ -180,8 +182,9 @@ struct check_end {
  * error of a run that could not begin. */
 int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_verdict *verdict,
                  struct check_end *end);
-/* The same run once more, all of which its store keeps until @p look returns. Returns what that does, or as
- * scenario_run() with a text in @p why. */
+/* The same run once more, all of which its store keeps until @p look returns; the text of its experiment says when
+ * each condition came true, so that it makes this run by itself. Returns what @p look does, or as scenario_run() with
+ * a text in @p why. */
 struct simulation;
 int scenario_rerun(const struct scenario *scenario, uint64_t seed,
                    int (*look)(void *ctx, const struct simulation *s), void *ctx, struct apc_error *why);

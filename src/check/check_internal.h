@@ -26,15 +26,19 @@ struct check_point check_point_of(const struct check_source *of, const struct ap
 struct run_triggers {
     const struct scenario *of;
     struct simulation *s;
-    struct experiment e; /* the scenario's, with faults of its own */
+    struct experiment e; /* the scenario's, with its seed, and faults of its own */
     apc_ns first;        /* tick of the plant; -1: there was none */
     apc_ns *met, *done;  /* [of->n_triggers] when; INT64_MAX: not yet */
     void *memory;
+    char *text; /* of e, where triggers_write() has made it one of its own */
 };
 
 /* Returns 0 or APC_ENOMEM; its memory is the caller's to free. */
 int triggers_make(struct run_triggers *t, const struct scenario *of, struct simulation *s);
 void triggers_look(void *triggers, apc_ns now); /* at each tick of the plant; @now since t = 0 */
+/* After the run: e.text is what makes this run without a condition, each time in its place. Returns 0 or a negative
+ * error; t->text is to be freed in either case. */
+int triggers_write(struct run_triggers *t, struct apc_error *why);
 void triggers_judge(const struct run_triggers *t, struct check_verdict *verdict);
 
 #endif

@@ -111,11 +111,10 @@ static int begin_scenario(const struct scenario *of, uint64_t seed, struct run_t
 {
     *s = (struct simulation){.rc = 0};
     int rc = triggers_make(t, of, s);
+    t->e.seed = seed;
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : simulation_create(s, &t->e, seed, why);
-    if (rc == 0 && of->n_triggers > 0) {
-        s->watch = triggers_look;
-        s->watch_ctx = t;
-    }
+    if (rc == 0 && of->n_triggers > 0 && (rc = simulation_watch(s, triggers_look, t)) < 0)
+        apc_fail(why, rc, "out of memory");
     return rc;
 }
 
@@ -151,9 +150,12 @@ int scenario_rerun(const struct scenario *scenario, uint64_t seed,
     int rc = begin_scenario(scenario, seed, &t, &s, why);
     if (rc == 0) {
         (void)simulation_run(&s, scenario->e.duration); /* one that ended early is looked at as well */
-        rc = look(ctx, &s);
+        rc = triggers_write(&t, why);
     }
+    if (rc == 0)
+        rc = look(ctx, &s);
     simulation_destroy(&s);
+    free(t.text);
     free(t.memory);
     return rc;
 }

@@ -69,11 +69,10 @@ static bool has_when(const config_setting_t *group)
     return config_setting_get_member(group, "when");
 }
 
-/* As the experiment has it: a fault without its signal; instead of its condition with a time, which is not kept. */
-static void put_experiment_group(FILE *out, const config_setting_t *group, bool fault)
+/* As the experiment has them: of a fault without its signal, and without a condition. */
+static void put_experiment_members(FILE *out, const config_setting_t *group, bool fault)
 {
-    const bool waits = fault && has_when(group);
-    fputs(waits ? "{ at = 0.0; " : "{ ", out);
+    const bool waits = has_when(group);
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         char *text = NULL;
@@ -86,6 +85,13 @@ static void put_experiment_group(FILE *out, const config_setting_t *group, bool 
         free(text);
     }
     fputc('}', out);
+}
+
+/* A fault has instead of its condition a time, which is not kept. */
+static void put_experiment_group(FILE *out, const config_setting_t *group, bool fault)
+{
+    fputs(fault && has_when(group) ? "{ at = 0.0; " : "{ ", out);
+    put_experiment_members(out, group, fault);
 }
 
 /* The last change of @p path is a list, which gets one element more; or there is none, and it gets the first. */
@@ -351,6 +357,20 @@ static void find_triggered_fault(struct scenario_reading *r, const struct scenar
     else
         trigger->fault = when->fault + (size_t)(y ? e->sensor[when->signal].fault - e->faults
                                                   : e->actuator[when->signal].fault - e->actuator_faults);
+    snprintf(trigger->path, sizeof trigger->path, "%s.[%zu]", path, when->fault);
+}
+
+/* How the list at @path has it, once there is a time. */
+static void keep_group(struct scenario_reading *r, const struct scenario_when *when, const char *path,
+                       struct scenario_trigger *trigger)
+{
+    size_t size;
+    FILE *out = open_memstream(&trigger->text, &size);
+    snprintf(trigger->path, sizeof trigger->path, "%s", path);
+    if (out)
+        put_experiment_members(out, when->group, false);
+    if (!out || fclose(out) != 0)
+        lack_memory(r);
 }
 
 /* What it is called among the expectations. */
@@ -391,19 +411,22 @@ static void read_trigger(struct scenario_reading *r, const struct scenario_when 
     settings_text(&r->s, when->group, "when", REQUIRED, condition, sizeof condition);
     settings_number(&r->s, when->group, "after", OPTIONAL, 0, of->e.duration, &after);
     (void)apc_ns_from_s(after, &trigger->after);
-    if (when->what == TRIGGER_ACTION)
+    if (when->what == TRIGGER_ACTION) {
         experiment_read_action(&r->s, when->group, &of->e, &trigger->action);
-    else if (when->what == TRIGGER_DISTURBANCE)
+        keep_group(r, when, "actions", trigger);
+    } else if (when->what == TRIGGER_DISTURBANCE) {
         experiment_read_disturbance(&r->s, when->group, &of->e, &trigger->disturbance);
-    else
+        keep_group(r, when, "plant.disturbances", trigger);
+    } else {
         find_triggered_fault(r, when, trigger);
+    }
+    of->n_triggers++;
     if (r->s.failed)
         return;
     name_when(when, trigger, condition, text, sizeof text);
     if (check_parse_when(&of->expect[of->n_expect], text, condition, &of->e, &of->sources, &why) < 0)
         settings_fail(&r->s, member, "%s", why.text);
     of->n_expect++;
-    of->n_triggers++;
 }
 
 /* ---- The file ------------------------------------------------------------------------------- */
@@ -507,6 +530,8 @@ void scenario_free(struct scenario *scenario)
     experiment_free(&scenario->e);
     free(scenario->expect);
     free(scenario->sources.at);
+    for (size_t i = 0; i < scenario->n_triggers; i++)
+        free(scenario->trigger[i].text);
     free(scenario->trigger);
     *scenario = (struct scenario){.runs = 0};
 }

@@ -4,6 +4,8 @@
 
 #include "base/parts.h"
 
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define NEVER INT64_MAX
@@ -117,6 +119,61 @@ void triggers_look(void *ctx, apc_ns now)
             happen_now(t, trigger, now);
         }
     }
+}
+
+/* ---- What became of it ---------------------------------------------------------------------- */
+
+/* What is done with a text, and its setting at @path: experiment_change() and its like. */
+typedef int change_fn(const char *text, const char *path, const char *value, char **changed,
+                      struct apc_error *why);
+
+static int change_triggered(struct run_triggers *t, change_fn *change, const char *path, const char *value,
+                            struct apc_error *why)
+{
+    char *changed = NULL;
+    const int rc = change(t->e.text, path, value, &changed, why);
+    if (rc < 0)
+        return rc;
+    free(t->text);
+    t->e.text = t->text = changed;
+    return 0;
+}
+
+static int write_fault(struct run_triggers *t, size_t i, struct apc_error *why)
+{
+    char path[sizeof t->of->trigger->path + 4], at[40];
+    const struct scenario_trigger *trigger = &t->of->trigger[i];
+    if (t->done[i] == NEVER)
+        return change_triggered(t, experiment_remove, trigger->path, NULL, why);
+    snprintf(path, sizeof path, "%s.at", trigger->path);
+    snprintf(at, sizeof at, "%.9f", apc_ns_to_s(t->done[i] - t->first));
+    return change_triggered(t, experiment_change, path, at, why);
+}
+
+/* An action has its time since t = 0, a disturbance since the plant's first tick. */
+static int write_group(struct run_triggers *t, size_t i, struct apc_error *why)
+{
+    const struct scenario_trigger *trigger = &t->of->trigger[i];
+    const apc_ns zero = trigger->what == TRIGGER_ACTION ? 0 : t->first;
+    char *group;
+    if (asprintf(&group, "{ at = %.9f; %s", apc_ns_to_s(t->done[i] - zero), trigger->text) < 0)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    const int rc = change_triggered(t, experiment_append, trigger->path, group, why);
+    free(group);
+    return rc;
+}
+
+int triggers_write(struct run_triggers *t, struct apc_error *why)
+{
+    int rc = 0;
+    for (size_t i = t->of->n_triggers; i > 0 && rc == 0;
+         i--) /* what is taken away stands behind what is left */
+        if (!t->of->trigger[i - 1].text)
+            rc = write_fault(t, i - 1, why);
+    for (size_t i = 0; i < t->of->n_triggers && rc == 0; i++)
+        if (t->of->trigger[i].text && t->done[i] != NEVER)
+            rc = write_group(t, i, why);
+    return rc;
 }
 
 /* It is known when it was seen to be true; between two looks is not seen. */

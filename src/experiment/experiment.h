@@ -333,6 +333,12 @@ int experiment_tags_then(struct apc_store *past, struct apc_store *now, const ch
  */
 int experiment_change(const char *text, const char *path, const char *value, char **changed,
                       struct apc_error *why);
+/* The same with @element behind those of the list at @path, which may not be there yet. */
+int experiment_append(const char *text, const char *path, const char *element, char **changed,
+                      struct apc_error *why);
+/* The same without the setting at @path; @value is NULL. */
+int experiment_remove(const char *text, const char *path, const char *value, char **changed,
+                      struct apc_error *why);
 /* Of PATH=VALUE: the = behind PATH, NULL where there is none: one within a quoted name of a model ('a=b') is the
  * name's. */
 char *setting_equals(const char *text);

@@ -111,13 +111,18 @@ static void put_setting_text(FILE *out, const config_setting_t *at, const struct
         put_members(out, at, place, "; ");
         fputc('}', out);
     } else if (config_setting_is_aggregate(at)) {
+        const char *before = "";
         fputc(list ? '(' : '[', out);
         for (int i = 0; i < config_setting_length(at); i++) {
-            fputs(i ? ", " : "", out);
-            put_setting_text(out, config_setting_get_elem(at, (unsigned)i), place);
+            const config_setting_t *element = config_setting_get_elem(at, (unsigned)i);
+            if (element == place->without)
+                continue;
+            fputs(before, out);
+            before = ", ";
+            put_setting_text(out, element, place);
         }
         if (at == place->in) {
-            fputs(config_setting_length(at) ? ", " : "", out);
+            fputs(before, out);
             put_named(out, place->name);
             fprintf(out, "%s; }", place->value);
         }
@@ -562,6 +567,56 @@ int experiment_change(const char *text, const char *path, const char *value, cha
     int rc = settings_parse(&config, path, text, why);
     if (rc == 0)
         rc = change_setting(&config, path, value, changed, why);
+    config_destroy(&config);
+    return rc;
+}
+
+int experiment_append(const char *text, const char *path, const char *element, char **changed,
+                      struct apc_error *why)
+{
+    config_t config;
+    struct place place = {.value = strdup("")};
+    char *list = NULL, *longer = NULL;
+    *changed = NULL;
+    int rc = settings_parse(&config, path, text, why);
+    if (rc == 0)
+        rc = look_for_path(&place, config_root_setting(&config), path, why);
+    const int n = rc == 0 && place.at ? config_setting_length(place.at) : 0;
+    if (n > 0 && experiment_setting_text(place.at, &list) < 0) {
+        list = NULL;
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    if (rc == 0 && asprintf(&longer, "%.*s%s%s)", n > 0 ? (int)strlen(list) - 1 : 1, n > 0 ? list : "(",
+                            n > 0 ? ", " : "", element) < 0) {
+        longer = NULL;
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    if (rc == 0)
+        rc = change_setting(&config, path, longer, changed, why);
+    free(longer);
+    free(list);
+    free(place.value);
+    config_destroy(&config);
+    return rc;
+}
+
+int experiment_remove(const char *text, const char *path, const char *value, char **changed,
+                      struct apc_error *why)
+{
+    config_t config;
+    struct place place = {.value = strdup("")};
+    size_t size = 0;
+    (void)value;
+    *changed = NULL;
+    int rc = settings_parse(&config, path, text, why);
+    if (rc == 0)
+        rc = look_for_path(&place, config_root_setting(&config), path, why);
+    FILE *out = rc == 0 ? open_memstream(changed, &size) : NULL;
+    if (out)
+        put_members(out, config_root_setting(&config), &(struct place){.without = place.at}, ";\n");
+    if (rc == 0 && (!out || fclose(out) != 0))
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    free(place.value);
     config_destroy(&config);
     return rc;
 }

@@ -122,6 +122,31 @@ int simulation_schedule_actions(struct simulation *s, apc_ns from)
     return 0;
 }
 
+/* ---- Who waits for something ---------------------------------------------------------------- */
+
+static void on_watch(void *ctx);
+
+static int watch_at(struct simulation *s, apc_ns t)
+{
+    return apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, on_watch, s);
+}
+
+static void on_watch(void *ctx)
+{
+    struct simulation *s = ctx;
+    const apc_ns t = apc_clock_mono(s->clock) - s->zero;
+    s->watch(s->watch_ctx, t);
+    if (watch_at(s, t + s->e->plant.rhythm.period) < 0)
+        simulation_stop(s, APC_ENOMEM, "out of memory");
+}
+
+int simulation_watch(struct simulation *s, void (*watch)(void *ctx, apc_ns t), void *ctx)
+{
+    s->watch = watch;
+    s->watch_ctx = ctx;
+    return watch_at(s, s->e->plant.rhythm.phase) < 0 ? APC_ENOMEM : 0;
+}
+
 /* ---- A recorded past ------------------------------------------------------------------------ */
 
 void simulation_repeat(void *ctx)

@@ -161,8 +161,6 @@ static int tick_plant(void *ctx, const struct apc_tick *tick)
         apc_virtual_stop(s->executive);
     }
     s->plant_now = (struct apc_now){.mono = tick->scheduled, .utc = tick->utc};
-    if (s->watch)
-        s->watch(s->watch_ctx, tick->scheduled - s->zero);
     return 0;
 }
 

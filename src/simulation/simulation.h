@@ -83,8 +83,7 @@ struct simulation {
     _Atomic uint64_t in_vain;         /* those that had none */
     apc_ns sent_at;
 
-    /* NULL, or told of each tick of the plant before it is made, @t since t = 0 */
-    void (*watch)(void *ctx, apc_ns t);
+    void (*watch)(void *ctx, apc_ns t); /* simulation_watch() */
     void *watch_ctx;
 
     int64_t handled;                 /* events of the executive */
@@ -149,6 +148,9 @@ void simulation_look(struct simulation *s); /* the scheduler, for what is due */
 int simulation_schedule_actions(struct simulation *s, apc_ns from);
 /* What an operator does, now. Returns 0 or why it ended. */
 int simulation_operate(struct simulation *s, const struct action *action);
+/* @watch is called at each instant of the plant, @t since t = 0, where actions that have a time are done: before all
+ * else of that instant, behind those. Returns 0 or APC_ENOMEM. */
+int simulation_watch(struct simulation *s, void (*watch)(void *ctx, apc_ns t), void *ctx);
 void simulation_destroy(struct simulation *s);
 
 /* ---- Past ----------------------------------------------------------------------------------- */

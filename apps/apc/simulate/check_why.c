@@ -84,33 +84,41 @@ static int explain_failure(const struct failures *f, size_t i, const struct chec
     return rc < 0 ? apc_fail(f->why, rc, "out of memory") : 0;
 }
 
-static int explain_run(void *ctx, const struct simulation *s)
-{
-    struct failures *f = ctx;
-    struct check_outcome o;
-    int rc = 0;
-    if (f->dir[0] && (rc = simulation_export(s, f->dir, "apc check", 0, f->why)) == 0) {
-        rc = report_leave(f->report->cli, f->dir, s->e, f->of->scenario.title, NULL, f->why);
-        f->drawn = rc > 0;
-        rc = rc < 0 ? rc : 0;
-    }
-    for (size_t i = 0; i < f->of->scenario.n_expect && rc == 0; i++)
-        if (is_failure_of(f, i, &o))
-            rc = explain_failure(f, i, o.verdict, s);
-    return rc;
-}
-
 /* DIR/NAME-SEED, NAME of the scenario's file. */
-static int make_failure_folder(struct failures *f)
+static int name_failure_folder(struct failures *f)
 {
     const char *slash = strrchr(f->of->scenario.file, '/'), *name = slash ? slash + 1 : f->of->scenario.file;
     const char *dot = strrchr(name, '.');
     const int n = snprintf(f->dir, sizeof f->dir, "%s/%.*s-%llu", f->report->dir,
                            (int)(dot && dot > name ? (size_t)(dot - name) : strlen(name)), name,
                            (unsigned long long)f->seed);
-    if (n >= (int)sizeof f->dir)
-        return apc_fail(f->why, APC_EINVAL, "--report: the path is too long");
-    return folder_create(f->dir, &f->of->scenario.e, f->report->force, f->why);
+    return n < (int)sizeof f->dir ? 0 : apc_fail(f->why, APC_EINVAL, "--report: the path is too long");
+}
+
+/* Of a run that has been made: its experiment says when each condition came true. */
+static int leave_folder(struct failures *f, const struct simulation *s)
+{
+    int rc = name_failure_folder(f);
+    if (rc == 0)
+        rc = folder_create(f->dir, s->e, f->report->force, f->why);
+    if (rc == 0)
+        rc = simulation_export(s, f->dir, "apc check", 0, f->why);
+    if (rc == 0) {
+        rc = report_leave(f->report->cli, f->dir, s->e, f->of->scenario.title, NULL, f->why);
+        f->drawn = rc > 0;
+    }
+    return rc < 0 ? rc : 0;
+}
+
+static int explain_run(void *ctx, const struct simulation *s)
+{
+    struct failures *f = ctx;
+    struct check_outcome o;
+    int rc = f->report->dir ? leave_folder(f, s) : 0;
+    for (size_t i = 0; i < f->of->scenario.n_expect && rc == 0; i++)
+        if (is_failure_of(f, i, &o))
+            rc = explain_failure(f, i, o.verdict, s);
+    return rc;
 }
 
 static bool is_first_of_run(struct checked *c, size_t i)
@@ -134,10 +142,7 @@ int checked_why(struct checked *c, const struct check_report *report, struct apc
         struct failures f = {.of = c, .report = report, .seed = checked_outcome(c, i).seed, .why = why};
         if (!is_first_of_run(c, i))
             continue;
-        if (report->dir)
-            rc = make_failure_folder(&f);
-        if (rc == 0)
-            rc = scenario_rerun(&c->scenario, f.seed, explain_run, &f, why);
+        rc = scenario_rerun(&c->scenario, f.seed, explain_run, &f, why);
     }
     return rc;
 }

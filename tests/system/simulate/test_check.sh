@@ -58,6 +58,50 @@ fi
 expect 2 '^apc check: failed is not empty: give a folder of its own' "$apc" check $scenarios/left.scenario --report failed
 "$apc" check $scenarios/left.scenario --report failed --force >again.txt && fail "it held"
 diff <(grep left report.txt) <(grep left again.txt) || fail "something else with --force"
+# Promise(simulation/check-repeats): The folder that it leaves makes the run again, also where something came by a condition:
+#   its experiment says when, and its seed is the run's. What never came is not in it.
+# repeats NAME WORDS: its failed run has another folder than one without what is WORDS there, and that makes it again
+repeats() {
+  "$apc" check "$scenarios/$1.scenario" --report repeats >repeats.txt && fail "it held"
+  local folder
+  folder=$(echo repeats/"$1"-*)
+  ! grep -q 'when' "$folder/run.conf" || fail "a condition is left: $(cat "$folder/run.conf")"
+  [ "$(sha256sum <"$folder/samples.csv" | cut -d ' ' -f 1)" = "$("$apc" simulate "$folder" | sed -n 's/^sha256: *//p')" ] ||
+    fail "$1: the folder makes another run: $(grep -E "$2" "$folder/run.conf")"
+  grep -q "$2" "$folder/run.conf" || fail "$1: $2 is not in it: $(cat "$folder/run.conf")"
+  rm -r repeats
+}
+cat >$scenarios/late.scenario <<'END'
+experiment = "../first-order.conf"; duration = 100.0; seed = 7; set = ( "measurements.y.noise=0.05" );
+faults = ( { signal = "y"; when = "plant y > 1000"; kind = "stuck"; },
+           { signal = "y"; at = 5.0; kind = "drift"; size = 0.1; },
+           { signal = "y"; when = "plant y > 5"; after = 3.0; kind = "dropout"; duration = 10.0; },
+           { signal = "u"; when = "plant y > 9"; kind = "stuck"; duration = 4.0; } );
+actions = ( { at = 1.0; set = "r"; value = 9.0; }, { when = "y > 8"; set = "r"; value = 7.0; },
+            { when = "mode u is Auto"; after = 40.0; mode = "u"; value = "Man"; },
+            { when = "mode u is Man"; set = "u"; value = 1.5; }, { when = "y > 1000"; set = "r"; value = 0.0; } );
+expect = ( "never y > 0" );
+END
+repeats late 'faults = ({ at = 5\.0; kind = "drift"; size = 0\.1; }, { at = [0-9.]*; kind = "dropout"'
+# All at one instant: what waits comes before the rest of its instant, as what has its time.
+cat >$scenarios/tie.scenario <<'END'
+experiment = "../first-order.conf"; duration = 200.0; disturbances = ( );
+set = ( "scheduler.phase=0", "plant.phase=0", "client.phase=0", "controller.phase=0", "client.period=0.2", "plant.jitter=0.01" );
+actions = ( { at = 2.0; remote = "r"; }, { when = "r > 15"; after = 0.0; set = "r"; value = 12.0; },
+            { when = "r < 13"; after = 170.0; remote = "r"; }, { when = "plant y > 5"; kill = "controller"; },
+            { when = "plant y > 5"; after = 6.0; start = "controller"; } );
+expect = ( "never y > 0" );
+END
+repeats tie 'kill = "controller"'
+cat >$scenarios/leak.scenario <<'END'
+experiment = "../double-tank.conf"; duration = 300.0;
+disturbances = ( { name = "leak"; when = "plant h2 > 0"; after = 150.0; value = 0.0; },
+                 { name = "leak"; at = 90.0; value = 0.003; }, { name = "leak"; when = "plant h2 > 0"; after = 60.0; value = 0.001; } );
+expect = ( "never plant h2 > 0" );
+END
+repeats leak 'disturbances = ({ at = 90.0; name = "leak"\|disturbances = ({ name = "leak"; at = 90'
+sed 's/never alarm h1.low/never alarm h2.deviation/' $scenarios/pump-failure.scenario >$scenarios/alarm.scenario
+repeats alarm 'ack = "h2.deviation"'
 # Of a scenario of many runs the first that failed is explained.
 "$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01 >many.txt && fail "it held"
 grep -q '^            v1: .* tick at' many.txt || fail "no answer: $(cat many.txt)"
