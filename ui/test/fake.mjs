@@ -229,8 +229,9 @@ export class Fake {
     if (n > 0) {
       const bins = {n, from: [], count: [], bad: [], min: [], max: [], mean: [], last: [], worst: []};
       const width = (Number(query.get("until")) - since) / n;
-      for (let i = 0; i < n; i++) {
-        const values = found.filter((one, k) => Math.floor((time[k] - since) / width) === i && one[0] != null).map(one => one[0]);
+      const within = Array.from({length: n}, () => []);
+      found.forEach(([value], k) => value != null && within[Math.floor((time[k] - since) / width)]?.push(value));
+      for (const [i, values] of within.entries()) {
         if (values.length === 0) continue;
         const row = {from: since + i * width, count: values.length, bad: 0, min: Math.min(...values), max: Math.max(...values), mean: values.reduce((a, b) => a + b) / values.length, last: values.at(-1), worst: "Good"};
         for (const [name, value] of Object.entries(row)) bins[name].push(value);
