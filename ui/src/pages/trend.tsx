@@ -317,23 +317,27 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   }, []);
 
   const refs = curves.variables.map(one => one.ref);
-  /** An earlier window has columns of its own, at the times of this one. */
-  const columns = curves.columns(...bounds(win, serverNow()));
-  const rows = (most: number): [number, ...(number | null)[]][] => {
+  /** What a table or a file has of the signals; an earlier window has columns of its own, at the times of this one. */
+  const columnsNow = (): Column[] => curves.columns(...bounds(win, serverNow()));
+  const rows = (columns: Column[], most: number): [number, ...(number | null)[]][] => {
     const [now, before] = [columns.map(one => curves.series(one.ref)), earlier ? columns.map(one => shifted(earlier.series(one.ref), compare)) : []];
     const of = (all: Series[], t: number): (number | null)[] => all.map((series, i) => (columns[i] as Column).at(series, t));
     return curves.rows(...bounds(win, serverNow()), most).map(t => [t, ...of(now, t), ...of(before, t)]);
   };
-  const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
-  const heads = (): string[] => {
-    const own = curves.columns(...bounds(win, serverNow())).map(one => one.head);
+  const heads = (columns: Column[]): string[] => {
+    const own = columns.map(one => one.head);
     return [tr("trend.time"), ...own, ...(earlier ? own.map(signal => tr("trend.labelBefore", {signal, time: duration(compare)})) : [])];
   };
-  const head = heads();
+  const columns = table ? columnsNow() : [];
+  const shown = table ? rows(columns, 200) : [];
+  const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
   const coming = trajectoryRows([...expected.values()].filter(trajectory => refs.includes(trajectory.ref)), STEPS);
   const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
-  const exportCsv = (): void => downloadText(`${name}.csv`, csv([inEnglish(heads), ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
+  const exportCsv = (): void => {
+    const all = inEnglish(columnsNow);
+    downloadText(`${name}.csv`, csv([inEnglish(() => heads(all)), ...rows(all, Infinity).map(([t, ...others]) => [iso(t), ...others])]));
+  };
   const exportPng = async (): Promise<void> => {
     const [from, to] = bounds(win, serverNow());
     const blob = await chart.current?.picture([[plant.value?.title || plant.value?.name, pens ? "" : subject.name].filter(Boolean).join(": "), fromUntil(from, to)]);
@@ -416,9 +420,9 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       {narrow && pensTools}
       {table && (
         <Table
-          caption={tr("trend.caption", {name: pens ? tr("trend.nameSignals") : subject.name, n: Math.min(200, rows(200).length), zone})}
-          head={head}
-          rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told((columns[i % columns.length] as Column).ref, value))])}
+          caption={tr("trend.caption", {name: pens ? tr("trend.nameSignals") : subject.name, n: shown.length, zone})}
+          head={heads(columns)}
+          rows={shown.map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told((columns[i % columns.length] as Column).ref, value))])}
         />
       )}
       {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => told(row.ref, value))])} />}
