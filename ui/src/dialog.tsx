@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useRef} from "preact/hooks";
+import {PastWord} from "./parts/pastword";
 
 interface Props {
   label: string;
@@ -28,6 +29,7 @@ export function Dialog({label, close, wide = false, children}: Props): JSX.Eleme
         else dialog.current?.showModal(); // browsers close it at a repeated Esc
       }}
     >
+      <PastWord />
       {children}
     </dialog>
   );

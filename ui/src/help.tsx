@@ -21,6 +21,8 @@ const keys = (): [string, string][] => [
   ["+ −", tr("help.key.zoom")],
   [tr("help.key.homeName"), tr("help.key.home")],
   ["c", tr("help.key.cursor")],
+  ["p", tr("help.key.past")],
+  [", .", tr("help.key.jump")],
   ["?", tr("help.key.help")],
 ];
 

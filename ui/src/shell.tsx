@@ -16,7 +16,7 @@ import {env} from "./core/env";
 import {notRunning} from "./core/modes";
 import {type Language, LANGUAGES, tr} from "./core/texts";
 import {isPens, joined} from "./core/pens";
-import {behind, connection, control, heardAt, logOut, needsLogin, plant, second, session, serverNow, store} from "./core/model";
+import {behind, connection, controlNow, heardAt, logOut, needsLogin, plant, second, session, serverNow, shownAt, store} from "./core/model";
 import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
@@ -29,6 +29,7 @@ import {PredictionPage} from "./pages/prediction";
 import {TimingPage} from "./pages/timing";
 import {TrendPage} from "./pages/trend";
 import {AlarmLine} from "./parts/alarmline";
+import {OnlyNow, PastBar, PastButton, pastByKey} from "./parts/past";
 import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
@@ -54,6 +55,7 @@ function Whole(): JSX.Element {
   const [help, setHelp] = useState(false);
   const out = useCell(needsLogin);
   const link = useCell(connection);
+  const past = useCell(shownAt) != null;
   const main = useRef<HTMLElement>(null);
   const menu = useRef<HTMLElement>(null);
   const p = useCell(plant);
@@ -83,14 +85,14 @@ function Whole(): JSX.Element {
       } else if (event.key === "?" && shortcuts.value && !isTyping(event)) {
         event.preventDefault();
         setHelp(true);
-      }
+      } else pastByKey(event);
     };
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, []);
 
   return (
-    <div class={`shell ${link.state}${wall ? " wall" : ""}`}>
+    <div class={`shell ${link.state}${wall ? " wall" : ""}${past ? " in-past" : ""}`}>
       <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>{tr("shell.skip")}</a>
       <Header onHelp={() => setHelp(true)} />
       {!wall && <nav aria-label={tr("shell.pages")} ref={menu}>
@@ -101,6 +103,7 @@ function Whole(): JSX.Element {
         ))}
       </nav>}
       <AlarmLine />
+      <PastBar />
       <Bars />
       <main id="main" ref={main} tabIndex={-1} aria-label={tr(`page.${page}`)}>
         {nonsense && <p class="complaint" role="status">{tr("shell.noPage", {page: nonsense})}</p>}
@@ -110,10 +113,10 @@ function Whole(): JSX.Element {
         {page === "alarms" && <AlarmsPage about={about} />}
         {page === "events" && <EventsPage />}
         {page === "timing" && <TimingPage />}
-        {page === "diagnostics" && <DiagnosticsPage />}
+        {page === "diagnostics" && (past ? <OnlyNow title={tr("page.diagnostics")} /> : <DiagnosticsPage />)}
         {page === "prediction" && <PredictionPage about={about} />}
         {page === "graphic" && <GraphicPage />}
-        {page === "plants" && <PlantsPage />}
+        {page === "plants" && (past ? <OnlyNow title={tr("page.plants")} /> : <PlantsPage />)}
         {page === "logbook" && <LogBookPage />}
       </main>
       <OpenFaceplate />
@@ -140,6 +143,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
         {!database ? "DB …" : !database.connected ? <><Shape priority={1} label={tr("shell.databaseOffline")} /> {tr("shell.databaseOffline")}</> : tr(connected ? "shell.databaseOk" : "shell.databaseUnknown")}
       </span>
       <Clock />
+      <PastButton />
       <span class="who">
         {who ? (who.protected ? `${who.user}, ${tr(`role.${who.role}`)}` : tr("shell.noLogin")) : "…"}
       </span>
@@ -212,7 +216,7 @@ function Clock(): JSX.Element {
 function Bars(): JSX.Element {
   const link = useCell(connection);
   const database = useCell(store);
-  const standing = useCell(control);
+  const standing = useCell(controlNow);
   const left = useCell(leaves);
   const p = useCell(plant);
   const stopped = Object.entries(standing?.running ?? {}).flatMap(([name, running]) => (running === false ? [name] : []));

@@ -3,7 +3,7 @@
 import {Cell} from "./core/cell";
 import {isUnacknowledged, raised, type Alarm} from "./core/alarms";
 import {env, every} from "./core/env";
-import {alarms, connection} from "./core/model";
+import {alarmsNow, connection} from "./core/model";
 import {remember, stored} from "./theme";
 
 const AGAIN = 8; // s
@@ -53,9 +53,9 @@ export function setSound(on: boolean): void {
 /** Once, when the page begins. What nobody has acknowledged by then calls too. */
 export function listen(): void {
   let before: Alarm[] = [];
-  alarms.subscribe(() => {
-    const worst = raised(before, alarms.value);
-    before = alarms.value;
+  alarmsNow.subscribe(() => {
+    const worst = raised(before, alarmsNow.value);
+    before = alarmsNow.value;
     const open = before.filter(isUnacknowledged);
     if (open.length === 0) silence();
     if (worst == null) return;

@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useState} from "preact/hooks";
 import {Cell} from "./core/cell";
 import {clock, fromUntil, number, span as spanText} from "./core/format";
-import {plant} from "./core/model";
+import {plant, shownAt} from "./core/model";
 import {known, said, tr} from "./core/texts";
 import type {Cause, Loop, Plant, Unexplained, Why} from "./core/types";
 import {decimalsOfOutput, effectText, explain, limitOf, type Part, part, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
@@ -21,7 +21,7 @@ place.subscribe(() => (asked.value = null));
 
 /** `of`: what is asked about, for those who listen. */
 export function WhyButton({loop, after, until, of}: {loop: Loop | null | undefined; after?: number | null; until?: number | null; of: string}): JSX.Element | null {
-  return loop?.output ? <button type="button" class="why-button" aria-label={`${tr("why.ask")} ${of}`} onClick={() => (asked.value = {loop, after, until})}>{tr("why.ask")}</button> : null;
+  return loop?.output ? <button type="button" class="why-button" aria-label={`${tr("why.ask")} ${of}`} onClick={() => (asked.value = {loop, after, until: until ?? shownAt.value})}>{tr("why.ask")}</button> : null;
 }
 
 export function OpenWhy(): JSX.Element | null {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The journal of a window: page by page from the newest back, as the server gives a thousand at a time.
 import {get} from "./api";
+import {lately} from "./model";
 import type {Transition} from "./types";
 
 const PAGE = 1000;
@@ -15,9 +16,9 @@ export interface Journal {
 export async function journalOf(seconds: number, known: Journal | null = null, page: number = PAGE, most: number = MOST): Promise<Journal> {
   const found = new Map<number, Transition>((known?.transitions ?? []).map(one => [one.number, one]));
   const newest = known?.transitions.at(-1)?.number ?? 0;
-  let until: number | null = null;
+  let {since, until} = lately(seconds);
   for (;;) {
-    const answer: {transitions: Transition[]} = await get("/api/alarms/journal", {since: -seconds, until, last: page});
+    const answer: {transitions: Transition[]} = await get("/api/alarms/journal", {since, until, last: page});
     const {transitions} = answer;
     const before = found.size;
     for (const one of transitions) found.set(one.number, one);

@@ -3,7 +3,7 @@
 import {Cell} from "./cell";
 import {Curve} from "./curve";
 import {env} from "./env";
-import {live, onNewPlant, onSample, plant, refill, serverNow, variable} from "./model";
+import {live, onNewPlant, onSample, plant, refill, shownAt, shownNow, variable} from "./model";
 import {extent, niceScale, type Scale} from "./scale";
 import {empty, type Series} from "./series";
 import type {Loop, Ref} from "./types";
@@ -42,8 +42,8 @@ const GATHER = 0.1; // s; rows come into sight a few at a time
 function fill(one: Recent): void {
   if (wanting.push(one) > 1) return;
   env.later(() => {
-    const until = serverNow();
-    for (const {curve, shown} of wanting.splice(0)) curve?.fill(until - RECENT, until, PIXELS, true, () => (shown.value = {...curve.series}));
+    const until = shownNow();
+    for (const {curve, shown} of wanting.splice(0)) curve?.fill(until - RECENT, until, PIXELS, shownAt.value == null, () => (shown.value = {...curve.series}));
   }, GATHER);
 }
 
@@ -95,7 +95,7 @@ function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | n
   const cell = new Cell<Scale | null>(null);
   scales.set(name, cell);
   const choose = (): void => {
-    if (!refs.every(ref => of(ref).curve?.whole)) return;
+    if (!refs.every(ref => of(ref).curve?.whole) || (cell.value && shownAt.value != null)) return;
     const target = setpoint ? live(setpoint).value.value : null;
     if (cell.value && (target == null || (target > cell.value.low && target < cell.value.high))) return;
     const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.low, ...recent(ref).value.high, live(ref).value.value]));
@@ -103,7 +103,7 @@ function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | n
     const room = (high - low) * 0.12;
     const chosen = niceScale(low >= 0 && low - room < high * 0.4 ? Math.min(0, low) : low - room, high + room);
     cell.value = kept(name, low, high, chosen) ?? chosen;
-    env.keep(keptAs(name), `${cell.value.low} ${cell.value.high}`);
+    if (shownAt.value == null) env.keep(keptAs(name), `${cell.value.low} ${cell.value.high}`);
   };
   for (const ref of refs) recent(ref).subscribe(choose);
   if (setpoint) live(setpoint).subscribe(choose);

@@ -9,7 +9,7 @@ import {decimalsOf} from "./format";
 import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
-import type {AlarmNow, Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
+import type {AlarmNow, Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Then, Variable, Write} from "./types";
 
 export interface Connection {
   state: "connecting" | "connected" | "disconnected";
@@ -33,11 +33,15 @@ export const connection = new Cell<Connection>({state: "connecting", since: 0, r
 export const store = new Cell<StoreState | null>(null);
 export const writes = new Cell<Write[]>([]);
 export const events = new Cell<Streamed>({list: [], dropped: 0});
-/** What stands, as the server said it last. */
+/** The instant that the screens show; null: now. */
+export const shownAt = new Cell<number | null>(null);
+/** What stands, as the server said it last; and as the screens show it. */
+export const controlNow = new Cell<Control | null>(null);
 export const control = new Cell<Control | null>(null);
 /** How far the history is behind; null: there is none beside the store. */
 export const behind = new Cell<Behind | null>(null);
-/** All there are, the most urgent first. */
+/** All there are, the most urgent first; and as the screens show them. */
+export const alarmsNow = new Cell<Alarm[]>([]);
 export const alarms = new Cell<Alarm[]>([]);
 /** By signal. */
 export const marks = new Cell<ReadonlyMap<Ref, Alarm>>(new Map());
@@ -51,6 +55,8 @@ export const clock = new Clock();
 export const heardAt = {value: env.mono()};
 
 const values = new Map<Ref, Cell<Live>>();
+/** What is newest, while the screens show the past. */
+let aside: {values: Map<Ref, Live>; events: Streamed} | null = null;
 const modes = new Map<number, Cell<Modes>>();
 const variables = new Map<Ref, Variable>();
 /** Loops by what they measure, and, of those that a loop above moves, by their setpoint. */
@@ -64,6 +70,15 @@ export function live(ref: Ref): Cell<Live> {
   let cell = values.get(ref);
   if (!cell) values.set(ref, (cell = new Cell(nothing)));
   return cell;
+}
+
+function newest(ref: Ref): Live {
+  return aside ? (aside.values.get(ref) ?? nothing) : live(ref).value;
+}
+
+function setNewest(ref: Ref, next: Live): void {
+  if (aside) aside.values.set(ref, next);
+  else live(ref).value = next;
 }
 
 export function modesOfLoop(loop: Pick<Loop, "id">): Cell<Modes> {
@@ -104,6 +119,25 @@ export function serverNow(): number {
   return clock.now(env.mono()) ?? env.wall();
 }
 
+/** Of what the screens show. */
+export function shownNow(): number {
+  return shownAt.value ?? serverNow();
+}
+
+/** Until when is known what the screens show, Unix s. */
+export function knownUntil(): number {
+  return shownAt.value ?? clock.newest ?? 0;
+}
+
+/** The last so many seconds of what the screens show, as the server is asked for them. */
+export function lately(seconds: number): {since: number; until: number | null} {
+  const at = shownAt.value;
+  return at == null ? {since: -seconds, until: null} : {since: at - seconds, until: microseconds(at + 1e-6)};
+}
+
+/** Times are told in these. */
+export const microseconds = (t: number): number => Number(t.toFixed(6));
+
 /** Between its low and its high alarm; null: it has neither. */
 export function bandOf(ref: Ref): Limits | null {
   return bands.get(ref) ?? null;
@@ -141,13 +175,12 @@ function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | n
   for (const ref in samples) {
     const sample = samples[ref] as Sample;
     moded ||= ofModes(ref);
-    const cell = live(ref);
-    const before = cell.value;
-    cell.value = heard(before, sample, at, late + (ages?.[ref] ?? 0), ages != null);
+    const before = newest(ref);
+    setNewest(ref, heard(before, sample, at, late + (ages?.[ref] ?? 0), ages != null));
     const one = variables.get(ref);
     const step = before.time != null && sample[1] != null ? sample[1] - before.time : 0;
     if (one && (step < 0 || step > limit(one))) refillSoon();
-    if (sample[0] !== before.seq) for (const listener of sampleListeners) listener(ref, sample);
+    if (sample[0] !== before.seq && !aside) for (const listener of sampleListeners) listener(ref, sample);
   }
   return moded;
 }
@@ -157,9 +190,12 @@ function takeWrite(write: Write): void {
 }
 
 function takeEvents(news: PlantEvent[]): void {
-  const all = [...events.value.list, ...news];
+  const {list, dropped} = aside?.events ?? events.value;
+  const all = [...list, ...news];
   const over = Math.max(0, all.length - KEEP_EVENTS);
-  events.value = {list: all.slice(over), dropped: events.value.dropped + over};
+  const next = {list: all.slice(over), dropped: dropped + over};
+  if (aside) aside.events = next;
+  else events.value = next;
 }
 
 function replace<T>(cell: Cell<T>, next: T): void {
@@ -182,8 +218,13 @@ let standing: Standing = new Map();
 
 function rank(news: AlarmNow[], before: Standing = standing): void {
   standing = taken(before, news);
-  alarms.value = ranked(plant.value?.alarms?.all ?? [], standing);
-  marks.value = bySignal(alarms.value);
+  alarmsNow.value = ranked(plant.value?.alarms?.all ?? [], standing);
+  if (!aside) showAlarms(alarmsNow.value);
+}
+
+function showAlarms(all: Alarm[]): void {
+  alarms.value = all;
+  marks.value = bySignal(all);
 }
 
 const ofModes = (ref: Ref): boolean => ref.startsWith("opmode.") || ref.startsWith("actual.");
@@ -207,7 +248,7 @@ function receive(type: string, data: unknown): void {
       const state = data as State;
       instance = state.id.split(".")[0] ?? "";
       store.value = state.store;
-      for (const [ref, cell] of values) if (!(ref in state.values)) cell.value = nothing;
+      for (const ref of values.keys()) if (!(ref in state.values)) setNewest(ref, nothing);
       moded = take(state.values, state.ages, late);
       rank(state.alarms, new Map());
       refill.value++;
@@ -246,12 +287,48 @@ function receive(type: string, data: unknown): void {
   }
   const {control: said, history} = data as {control?: Control; history?: Behind | null};
   if (said) {
-    const ramps = control.value?.ramps ?? {};
-    replace(control, said);
-    for (const ref of Object.keys(ramps)) if (!said.ramps[ref]) live(ref).value = {...live(ref).value}; // it is shown as what was written again
+    const ramps = controlNow.value?.ramps ?? {};
+    replace(controlNow, said);
+    if (!aside) control.value = controlNow.value;
+    for (const ref of Object.keys(ramps)) if (!said.ramps[ref]) setNewest(ref, {...newest(ref)}); // it is shown as what was written again
   }
   if (history !== undefined) replace(behind, history);
-  if (said || moded) lookAtModes();
+  if ((said || moded) && !aside) lookAtModes();
+}
+
+/** What the screens show from now on; what comes meanwhile is kept aside. */
+export function showThen(then: Then): void {
+  const at = then.as_of;
+  if (!aside) {
+    aside = {values: new Map([...values].map(([ref, cell]) => [ref, cell.value])), events: events.value};
+    events.value = {...events.value, list: []};
+  }
+  shownAt.value = at;
+  for (const [ref, cell] of values) if (!(ref in then.values)) cell.value = nothing;
+  for (const [ref, [seq, time, value, status]] of Object.entries(then.values)) {
+    const one = variables.get(ref);
+    live(ref).value = aged({seq, time, value, status, heard: time ?? at, stale: false, age: null}, one ? limit(one) : Infinity, at);
+  }
+  control.value = {running: then.running, reasons: {}, entries: {}, ramps: {}, shadow: [], safe: null, safe_since: null, alarms: null};
+  showAlarms(ranked(plant.value?.alarms?.all ?? [], taken(new Map(), then.alarms)));
+  lookAtModes();
+  refill.value++;
+}
+
+/** What is newest, again. */
+export function showNow(): void {
+  if (!aside) return;
+  const {values: kept, events: streamed} = aside;
+  aside = null;
+  shownAt.value = null;
+  for (const ref of values.keys()) setNewest(ref, kept.get(ref) ?? nothing);
+  for (const [ref, value] of kept) setNewest(ref, value);
+  age();
+  events.value = streamed;
+  control.value = controlNow.value;
+  showAlarms(alarmsNow.value);
+  lookAtModes();
+  refill.value++;
 }
 
 let asked = 0;
@@ -328,14 +405,21 @@ const stream = new Stream({
 
 const parting = new Parting();
 
-function tick(): void {
+/** What the screens show of the past gets no older. */
+function age(): void {
+  if (aside) return;
   const at = env.mono();
-  // It slept, perhaps, and nobody knows for how long: what the page shows was heard before.
-  if (parting.look(env.wall(), at)) stream.again();
   for (const [ref, cell] of values) {
     const one = variables.get(ref);
     if (one) cell.value = aged(cell.value, limit(one), at);
   }
+}
+
+function tick(): void {
+  const at = env.mono();
+  // It slept, perhaps, and nobody knows for how long: what the page shows was heard before.
+  if (parting.look(env.wall(), at)) stream.again();
+  age();
   second.value = Math.floor(at);
 }
 

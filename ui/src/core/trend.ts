@@ -5,7 +5,7 @@ import type {Cell} from "./cell";
 import {Curve} from "./curve";
 import {binWidth, boundOf, holds} from "./history";
 import {loopScale, trendScale} from "./loopdata";
-import {clock, connection, inShadow, live, variable} from "./model";
+import {connection, inShadow, knownUntil, live, variable} from "./model";
 import {exact} from "./format";
 import {byUnit} from "./pens";
 import {extent, niceScale, type Scale} from "./scale";
@@ -143,7 +143,7 @@ export class Curves {
     const series = this.series(ref);
     const one = variable(ref);
     const sure = one != null && holds(one) && connection.value.state === "connected" && !live(ref).value.stale;
-    return sure ? held(series, clock.newest ?? 0) : series;
+    return sure ? held(series, knownUntil()) : series;
   }
 
   /** What stood at t; not longer than anybody has said so. */

@@ -170,6 +170,24 @@ export interface State {
   history: Behind | null; // null: there is one store
 }
 
+/** As it was at an instant. */
+export interface Then {
+  t: number;
+  as_of: number;
+  note: string | null; // what the record cannot tell
+  values: Record<Ref, Sample>;
+  ages: Record<Ref, number | null>;
+  authors: Record<Ref, string>;
+  running: Record<string, boolean | null>;
+  alarms: AlarmNow[];
+}
+
+/** What was set otherwise at an instant than it is now. */
+export interface Retake {
+  note: string | null;
+  changes: {ref: Ref; name: string; unit: string; from: number | null; to: number; seq: number | null}[];
+}
+
 export interface Bins {
   n: number;
   from: number[];

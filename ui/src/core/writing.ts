@@ -4,7 +4,7 @@ import {ApiError, get, NoAnswer, post} from "./api";
 import {Cell} from "./cell";
 import {env} from "./env";
 import {type Happening, next, type WriteView} from "./lifecycle";
-import {connection, instance, serverNow, writes} from "./model";
+import {connection, instance, serverNow, shownAt, writes} from "./model";
 import type {Write, WriteKind} from "./types";
 import {tr} from "./texts";
 
@@ -35,7 +35,7 @@ function newKey(): string {
 /** Send a write; `to` is what is shown for it. Where one is on its way, a second press before the screen says so is the same wish. */
 export async function send(name: string, kind: WriteKind, body: object, to: string, path: string = kind): Promise<void> {
   const cell = slot(name);
-  if (cell.value?.phase === "pending") return;
+  if (cell.value?.phase === "pending" || (shownAt.value != null && kind !== "retake")) return;
   const key = newKey();
   const server = instance;
   cell.value = {phase: "pending", kind, key, at: serverNow(), to, reason: null, stored: kind === "undo"};

@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useState} from "preact/hooks";
 import {get} from "../core/api";
 import {duration, exact, number} from "../core/format";
-import {alarms, plant, variable} from "../core/model";
+import {alarms, lately, plant, shownAt, variable} from "../core/model";
 import type {AlarmFigures, AlarmTrial} from "../core/types";
 import {Note, type Priority, Shape} from "../parts/shape";
 import {Tag} from "../parts/tag";
@@ -21,8 +21,9 @@ export function AlarmFiguresView(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
   const [tried, setTried] = useState<string | null>(null);
   const all = useCell(alarms);
+  const at = useCell(shownAt);
   const newest = Math.max(0, ...all.map(one => one.now.journal));
-  const {answer: figures, error} = useAnswer(() => get<AlarmFigures>("/api/alarms/figures", {since: -seconds}), [seconds, newest]);
+  const {answer: figures, error} = useAnswer(() => get<AlarmFigures>("/api/alarms/figures", lately(seconds)), [seconds, newest, at]);
   const part = (n: number, of: number): string => (of > 0 ? `${number((100 * n) / of, 1)} %` : "–");
   return (
     <>
@@ -104,7 +105,7 @@ export function AlarmFiguresView(): JSX.Element {
 
 /** What delays and deadbands would have given, of each the one that is proposed. */
 function Trial({of, seconds}: {of: string; seconds: number}): JSX.Element {
-  const {answer, error} = useAnswer(() => get<AlarmTrial>("/api/alarms/trial", {alarm: of, since: -seconds}), [of, seconds]);
+  const {answer, error} = useAnswer(() => get<AlarmTrial>("/api/alarms/trial", {alarm: of, ...lately(seconds)}), [of, seconds, shownAt.value]);
   const trial = answer?.alarm === of ? answer : null;
   const proposed = trial?.tries.filter(one => one.proposed) ?? [];
   const {all} = useCell(plant)?.alarms ?? {all: []};

@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
 import {eventText} from "../core/eventlist";
 import {csv, iso, stamp, zone} from "../core/format";
-import {alarms, events, plant, refill} from "../core/model";
+import {alarms, events, lately, plant, refill} from "../core/model";
 import {type Journal, journalOf} from "../core/journal";
 import type {PlantEvent} from "../core/types";
 import {downloadText} from "../download";
@@ -38,8 +38,7 @@ export function AlarmJournal(): JSX.Element {
   const p = useCell(plant);
   const newest = Math.max(0, ...all.map(one => one.now.journal));
   const {answer, error} = useAnswer(async () => {
-    const since = -seconds;
-    const of = (query: object): Promise<{events: PlantEvent[]}> => get("/api/events", {...query, since, last: EVENTS});
+    const of = (query: object): Promise<{events: PlantEvent[]}> => get("/api/events", {...query, ...lately(seconds), last: EVENTS});
     const same = before.current?.key === `${seconds} ${filled}` ? before.current.journal : null;
     const [journal, did, warned] = await Promise.all([
       journalOf(seconds, same),

@@ -7,7 +7,7 @@ import {downloadText} from "../download";
 import {env} from "../core/env";
 import {csv, iso, stamp, zone} from "../core/format";
 import {eventText, hole, merge, matches, type Filter} from "../core/eventlist";
-import {events, plant, refill, serverNow} from "../core/model";
+import {events, lately, plant, refill, shownNow} from "../core/model";
 import {EventShape} from "../parts/eventshape";
 import {Note} from "../parts/shape";
 import type {Loop, PlantEvent} from "../core/types";
@@ -39,7 +39,7 @@ export function EventsPage(): JSX.Element {
       const {severity, kind, source, text, seconds} = filter;
       const dropped = events.value.dropped;
       const own = rewords() && text !== ""; // the page searches what it shows
-      get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text: own ? "" : text, since: -seconds, last: own ? 5000 : most}).then(
+      get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text: own ? "" : text, ...lately(seconds), last: own ? 5000 : most}).then(
         answer => {
           if (!wanted) return;
           setPast({...answer, dropped});
@@ -54,7 +54,7 @@ export function EventsPage(): JSX.Element {
     };
   }, [filter, most, filled, again]);
 
-  const now = serverNow();
+  const now = shownNow();
   const list = merge(past.events.filter(one => matches(filter, one, now)), streamed.list.filter(one => matches(filter, one, now)));
   const gap = hole(list, past.events, streamed.dropped - past.dropped);
   const set = (part: Partial<Filter>): void => setFilter({...filter, ...part});

@@ -7,7 +7,7 @@ import {get, post} from "../core/api";
 import {csv, iso, stamp, zone} from "../core/format";
 import {eventText, merge, saysOf} from "../core/eventlist";
 import {DONE, ENTRIES, entryTooLong, isEntry, type Shift, shiftOf} from "../core/logbook";
-import {alarms, events, live, modesOfLoop, plant, refill, second, serverNow} from "../core/model";
+import {alarms, events, lately, live, modesOfLoop, plant, refill, second, shownNow} from "../core/model";
 import {known, rewords, tr} from "../core/texts";
 import type {PlantEvent} from "../core/types";
 import {downloadText} from "../download";
@@ -20,7 +20,7 @@ const LATE = 5; // s that an answer may take
 const SHIFT = 7 * DAY; // so far back a handover is looked for
 
 type Answer = {events: PlantEvent[]; more: boolean};
-const ask = (kinds: string[], since: number, last: number, text = ""): Promise<Answer> => get<Answer>("/api/events", {kind: kinds.join(","), since: -since, last, text});
+const ask = (kinds: string[], since: number, last: number, text = ""): Promise<Answer> => get<Answer>("/api/events", {kind: kinds.join(","), ...lately(since), last, text});
 
 export function LogBookPage(): JSX.Element {
   const [seconds, setSeconds] = useState<number>(DAY);
@@ -33,7 +33,7 @@ export function LogBookPage(): JSX.Element {
   const kinds = whole ? DONE : ENTRIES;
   const own = rewords() && text !== ""; // it searches what it shows
   const {answer, error} = useAnswer(() => ask(kinds, seconds, own ? 5000 : most, own ? "" : text), [seconds, own || text, whole, most, filled]);
-  const now = serverNow();
+  const now = shownNow();
   const fits = (one: PlantEvent): boolean => kinds.includes(one.kind) && one.time >= now - seconds && saysOf(one, text);
   const list = merge(answer?.events ?? [], streamed.list).filter(fits);
   const exportCsv = (): void => downloadText(`${p?.name ?? "apc"}-log.csv`, csv([["time", "source", "kind", "text"], ...list.map(one => [iso(one.time), one.source, one.kind, one.text])]));

@@ -8,7 +8,7 @@ import {exact, missing, number, when} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
 import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
 import {eventText} from "../core/eventlist";
-import {alarms, control, decimals, events, inShadow, live, modesOfLoop, plant, variable, writes} from "../core/model";
+import {alarms, control, decimals, events, inShadow, lately, live, modesOfLoop, plant, shownAt, shownNow, variable, writes} from "../core/model";
 import {predictors} from "../core/prediction";
 import {usable} from "../core/quality";
 import {wouldBe} from "../core/trend";
@@ -208,16 +208,17 @@ const ASKED = 50; // actions of operators
 function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const all = useCell(writes);
   const streamed = useCell(events);
+  const at = useCell(shownAt);
   const [past, setPast] = useState<PlantEvent[]>([]);
   const refs = new Set([loop.setpoint, loop.manual, loop.mode.target, ...loop.tuning]);
   const names = new Set([...refs].flatMap(ref => variable(ref)?.name ?? []));
   useEffect(() => {
-    get<{events: PlantEvent[]}>("/api/events", {kind: "operator", last: ASKED}).then(
+    get<{events: PlantEvent[]}>("/api/events", {kind: "operator", last: ASKED, until: lately(0).until}).then(
       answer => setPast(answer.events),
       () => {},
     );
-  }, []);
-  const mine = all.filter(write => write.stored !== false && write.changes.some(change => refs.has(change.ref)));
+  }, [at]);
+  const mine = all.filter(write => write.stored !== false && write.time <= shownNow() && write.changes.some(change => refs.has(change.ref)));
   const write = mine[mine.length - 1];
   const event = [...past, ...streamed.list].filter(one => one.kind === "operator" && names.has(one.text.split(":")[0] ?? "")).pop();
   let text = tr("loop.noAction", {n: ASKED});

@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {Curve} from "../core/curve";
 import {duration, exact, limitsText, missing, when} from "../core/format";
 import {holds} from "../core/history";
-import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {lately, live, onSample, plant, refill, second, shownAt, shownNow, variable} from "../core/model";
 import {trajectoryRows, trajectorySeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/prediction";
 import {nameOf, pensAbout} from "../core/pens";
 import {RECENT} from "../core/loopdata";
@@ -31,6 +31,7 @@ import {described, tr} from "../core/texts";
 import {rich} from "../rich";
 
 const WORTH = 300; // s between two questions for the share of the time in service
+const DAY = 86400; // s of it
 const AGAIN = 2; // s between two questions for the plan
 const STEPS = 12; // columns of the table of a plan
 
@@ -48,11 +49,12 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   const {controller, measured, moved, disturbances, states} = of;
   const [table, setTable] = useState(false);
   const now = useCell(second);
-  const {answer, error} = useAnswer(() => get<{predictions: Trajectory[]}>("/api/predictions"), [Math.floor(now / AGAIN)]);
-  const {answer: worth} = useAnswer(() => get<{loops: Kpi[]}>("/api/kpis"), [Math.floor(now / WORTH)]);
+  const at = useCell(shownAt);
+  const {answer, error} = useAnswer(() => get<{predictions: Trajectory[]}>("/api/predictions", {at}), [at ?? Math.floor(now / AGAIN)]);
+  const {answer: worth} = useAnswer(() => get<{loops: Kpi[]}>("/api/kpis", at == null ? {} : lately(DAY)), [at ?? Math.floor(now / WORTH)]);
   const mine = new Set([...measured, ...moved].map(one => one.variable.ref));
   const said = (answer?.predictions ?? []).filter(trajectory => mine.has(trajectory.ref));
-  const trajectories = said.filter(trajectory => isOfNow(trajectory, controller, serverNow()));
+  const trajectories = said.filter(trajectory => isOfNow(trajectory, controller, shownNow()));
   const newest = Math.max(0, ...said.map(trajectory => trajectory.made));
   const rows = trajectoryRows(trajectories, STEPS);
   const signals = [...measured.map(one => one.variable), ...moved.map(one => one.variable), ...disturbances];
@@ -197,7 +199,7 @@ function Chart({of, trajectories, hidden}: {of: Predictor; trajectories: Traject
   /** What somebody has written stands until it is another. */
   const drawn = (ref: Ref): Series => {
     const curve = curves.get(ref);
-    return !curve ? empty() : holds(curve.variable) && curve.variable.period == null ? held(curve.series, serverNow()) : curve.series;
+    return !curve ? empty() : holds(curve.variable) && curve.variable.period == null ? held(curve.series, shownNow()) : curve.series;
   };
   const newest = useRef(trajectories);
   newest.current = trajectories;
@@ -208,7 +210,7 @@ function Chart({of, trajectories, hidden}: {of: Predictor; trajectories: Traject
     ...panel.map((one, i) => ({label: tr("prediction.expected", {signal: one.variable.name}), colour: colour(k, i), dash: [8, 4], step: holds(one.variable), curve: () => coming(one.variable.ref)})),
   ]), []);
   const data = (): TrendData => {
-    const now = serverNow();
+    const now = shownNow();
     const [from, to] = [now - past, now + ahead.current];
     return {
       from,
@@ -232,7 +234,7 @@ function Chart({of, trajectories, hidden}: {of: Predictor; trajectories: Traject
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
     const stop = onSample((ref, [, t, value, status]) => {
-      if (t != null) curves.get(ref)?.take(t, value, status, serverNow() - kept.current);
+      if (t != null) curves.get(ref)?.take(t, value, status, shownNow() - kept.current);
     });
     return () => {
       stop();
@@ -242,8 +244,8 @@ function Chart({of, trajectories, hidden}: {of: Predictor; trajectories: Traject
     };
   }, []);
   useEffect(() => {
-    const now = serverNow();
-    for (const curve of curves.values()) curve.fill(now - past, now, chart.current?.pixels ?? 800, true, () => redraw(n => n + 1));
+    const now = shownNow();
+    for (const curve of curves.values()) curve.fill(now - past, now, chart.current?.pixels ?? 800, shownAt.value == null, () => redraw(n => n + 1));
   }, [filled, past]);
   useEffect(() => chart.current?.show(data()));
   useEffect(() => chart.current?.repaint(), [painted]);

@@ -7,7 +7,7 @@ import {useCell} from "../usecell";
 import {clock, duration, period, zone} from "../core/format";
 import {env} from "../core/env";
 import {histogram, logHeight, reach} from "../core/histogram";
-import {refill, serverNow, tasks} from "../core/model";
+import {lately, refill, shownNow, tasks} from "../core/model";
 import {Note} from "../parts/shape";
 import {Table} from "../parts/table";
 import {plot} from "../plot";
@@ -36,7 +36,7 @@ export function TimingPage(): JSX.Element {
 
   useEffect(() => {
     let wanted = true;
-    get<{timing: Timing[]}>("/api/timing", {since: -seconds, quantity}).then(
+    get<{timing: Timing[]}>("/api/timing", {...lately(seconds), quantity}).then(
       answer => {
         if (!wanted) return;
         setTiming(answer.timing);
@@ -177,7 +177,7 @@ function Against(o: {task: string; quantity: Quantity; seconds: number; table: b
 
   useEffect(() => {
     let wanted = true;
-    get<TimingSeries>("/api/timing/series", {task: o.task, quantity: o.quantity, since: -o.seconds, points: 300}).then(
+    get<TimingSeries>("/api/timing/series", {task: o.task, quantity: o.quantity, ...lately(o.seconds), points: 300}).then(
       answer => wanted && setSeries(answer.series),
       () => {},
     );
@@ -212,7 +212,7 @@ function Against(o: {task: string; quantity: Quantity; seconds: number; table: b
 
   useEffect(() => {
     if (!series || !chart.current) return;
-    const now = serverNow();
+    const now = shownNow();
     const top = Math.max(1e-6, ...series.max, ...series.p99);
     const bottom = Math.min(0, ...series.p50);
     range.current = {x: [now - o.seconds, now], y: niceScale(bottom, top)};

@@ -18,7 +18,7 @@ import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
-import {alarms, control, decimals, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {alarms, control, decimals, events, live, onSample, plant, refill, second, shownAt, shownNow, variable} from "../core/model";
 import {trajectoryRows, trajectorySeries, expectedOf, horizon, predictors} from "../core/prediction";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
@@ -47,12 +47,12 @@ export function TrendPage({about}: {about: string | null}): JSX.Element {
 
 /** Any signals, as the link says; the link follows what is done here. */
 function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {generation: number}; all: Subject[]}): JSX.Element {
-  const now = useRef(serverNow());
+  const now = useRef(shownNow());
   const wrote = useRef("");
   const [given, setGiven] = useState(about);
   // What came from elsewhere than from here is followed.
   if (about !== given && about !== wrote.current) setGiven(about);
-  const until = Math.max(now.current, serverNow());
+  const until = Math.max(now.current, shownNow());
   const asked = chosen(given, until);
   const link = about === wrote.current ? chosen(about, until) : asked;
   const {signals} = found(link.names, p);
@@ -75,7 +75,7 @@ function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {gener
       {signals.length > 0 ? (
         <Trend key={[p.generation, given, ...called(signals)].join(":")} subject={subjectOf(signals)} all={all} plant={p} pens={pens} />
       ) : (
-        <section class="trend" {...takes(names => go("trend", joined(given, names, serverNow())))}>
+        <section class="trend" {...takes(names => go("trend", joined(given, names, shownNow())))}>
           <h1>{tr("page.trend")}</h1>
           <PenSearch plant={p} there={[]} add={one => pens.choose([one], link.window)} />
         </section>
@@ -95,7 +95,7 @@ const LINK = 0.3; // s that a window stands before the link says it
 
 function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]; plant: Plant; pens?: Pens}): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
-  const [win, setWin] = useState<Window>(pens?.window ?? {live: true, span: 600, to: serverNow()});
+  const [win, setWin] = useState<Window>(pens?.window ?? {live: true, span: 600, to: shownNow()});
   const [own, setOwn] = useState<Scale[] | null>(null);
   const [table, setTable] = useState(false);
   const [fresh, setFresh] = useState(0);
@@ -115,13 +115,14 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const earlier = useMemo(() => (compare > 0 ? new Curves(subject) : null), [compare]);
   const predicting = useMemo(() => predictors(p), [p]);
   const now = useCell(win.ahead && win.live ? second : still);
-  const plan = win.live ? Math.floor(now / PLAN) : win.to;
-  const {answer: planned} = useAnswer(() => (win.ahead ? get<{predictions: Trajectory[]}>("/api/predictions", {at: win.live ? null : win.to}) : Promise.resolve({predictions: []})), [win.ahead, plan]);
-  const expected = win.ahead ? expectedOf(planned?.predictions ?? [], predicting, win.live ? serverNow() : null) : noPlans;
+  const at = shownAt.value;
+  const plan = win.live ? (at ?? Math.floor(now / PLAN)) : win.to;
+  const {answer: planned} = useAnswer(() => (win.ahead ? get<{predictions: Trajectory[]}>("/api/predictions", {at: win.live ? at : win.to}) : Promise.resolve({predictions: []})), [win.ahead, plan]);
+  const expected = win.ahead ? expectedOf(planned?.predictions ?? [], predicting, win.live ? shownNow() : null) : noPlans;
   const {answer: starts} = useAnswer(() => (p.start == null ? Promise.resolve({events: []}) : get<{events: PlantEvent[]}>("/api/events", {kind: "start", since: p.start - RUNS_BACK, last: 500})), [p.start]);
   const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: tr("trend.run", {time: stamp(t)})}));
   const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
-  const {answer: past} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {since: bounds(win, serverNow())[0], until: win.live ? null : win.to, last: 500}), [asked, filled]);
+  const {answer: past} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {since: bounds(win, shownNow())[0], until: win.live ? shownAt.value : win.to, last: 500}), [asked, filled]);
   const streamed = useCell(events);
   const happened = useMemo(() => merge(past?.events ?? [], streamed.list), [past, streamed]);
   const marks = (from: number, to: number): Mark[] => (marked ? marksOf(happened, alarms.value, from, to) : []);
@@ -132,7 +133,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const counted = subject.lead ?? refsIn(subject)[0];
 
   const seen = ({win: w, scales: s, reference: at, marks: of, expected: plans}: typeof state.current): TrendData => {
-    const [begin, end] = bounds(w, serverNow());
+    const [begin, end] = bounds(w, shownNow());
     const further = aheadOf(w, horizon([...plans.values()]));
     const [from, to] = [begin + further, end + further];
     return {
@@ -147,7 +148,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
 
   /** Of each panel all that is drawn, what is expected and an earlier window as well. */
   const inSight = (): (number | null)[][] => {
-    const [from, to] = bounds(state.current.win, serverNow());
+    const [from, to] = bounds(state.current.win, shownNow());
     const before = earlier?.seen(from - compare, to - compare);
     return curves.seen(from, to).map((values, i) => [...values, ...(before?.[i] ?? []), ...(subject.panels[i]?.pens ?? []).flatMap(pen => state.current.expected.get(pen.ref)?.expected ?? [])]);
   };
@@ -187,14 +188,14 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         }),
       };
     });
-    const made = new TrendChart(element, drawn, seen(state.current), (from, to) => setWin(w => beside(w, select(from, Math.min(to, serverNow())))), t => (cursor.value = t), setReference);
+    const made = new TrendChart(element, drawn, seen(state.current), (from, to) => setWin(w => beside(w, select(from, Math.min(to, shownNow())))), t => (cursor.value = t), setReference);
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
     const wheel = (event: WheelEvent): void => {
       if (!event.ctrlKey && !event.shiftKey) return; // the page scrolls as pages do
       event.preventDefault();
-      setWin(w => (event.shiftKey ? pan(w, Math.sign(event.deltaY || event.deltaX) * 0.1, serverNow()) : zoom(w, event.deltaY > 0 ? 1.25 : 0.8, serverNow())));
+      setWin(w => (event.shiftKey ? pan(w, Math.sign(event.deltaY || event.deltaX) * 0.1, shownNow()) : zoom(w, event.deltaY > 0 ? 1.25 : 0.8, shownNow())));
     };
     element.addEventListener("wheel", wheel, {passive: false});
     // Two fingers: the times that they came down at stay beneath them.
@@ -207,10 +208,10 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       }
       event.preventDefault();
       const at: [number, number] = [made.along(one.clientX), made.along(other.clientX)];
-      const [from, to] = bounds(state.current.win, serverNow());
+      const [from, to] = bounds(state.current.win, shownNow());
       held ??= [from + at[0] * (to - from), from + at[1] * (to - from)];
       const grip = held;
-      setWin(w => pinch(w, grip, at, serverNow()));
+      setWin(w => pinch(w, grip, at, shownNow()));
     };
     const touches = ["touchstart", "touchmove", "touchend", "touchcancel"] as const;
     for (const type of touches) element.addEventListener(type, touch, {passive: false});
@@ -227,8 +228,8 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   useEffect(() => {
     const timer = setTimeout(
       () => {
-        const [from, to] = bounds(win, serverNow());
-        curves.fill(from, to, chart.current?.pixels ?? 800, win.live, () => {
+        const [from, to] = bounds(win, shownNow());
+        curves.fill(from, to, chart.current?.pixels ?? 800, win.live && shownAt.value == null, () => {
           draw();
           setDrawn(n => n + 1);
         });
@@ -242,8 +243,8 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   useEffect(() => {
     if (!earlier) return undefined;
     const fill = (): void => {
-      const [from, to] = bounds(state.current.win, serverNow());
-      earlier.fill(from - compare, Math.min(serverNow(), to - compare + (state.current.win.live ? to - from : 0)), chart.current?.pixels ?? 800, false, draw);
+      const [from, to] = bounds(state.current.win, shownNow());
+      earlier.fill(from - compare, Math.min(shownNow(), to - compare + (state.current.win.live ? to - from : 0)), chart.current?.pixels ?? 800, false, draw);
     };
     fill();
     const stop = win.live ? every(fill, Math.max(10, Math.min(win.span, compare) / 2)) : () => {};
@@ -273,7 +274,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         if (ref === counted) setFresh(++count);
         return;
       }
-      const now = serverNow();
+      const now = shownNow();
       const full = curves.take(ref, t, value, status, now - span);
       if (full == null) return;
       if (full) curves.fill(now - span, now, chart.current?.pixels ?? 800, true, soon);
@@ -292,20 +293,20 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   useEffect(() => chart.current?.repaint(), [painted]);
 
   const back = (): void => setWin(w => goLive({...w, span: SPANS.some(one => one.span === w.span) ? w.span : 600}));
-  const toggle = (): void => setWin(w => (w.live ? pause(w, serverNow()) : goLive(w)));
+  const toggle = (): void => setWin(w => (w.live ? pause(w, shownNow()) : goLive(w)));
 
   useLayoutEffect(() => {
     const key = (event: KeyboardEvent): void => {
       if (!shortcuts.value || isTyping(event) || event.altKey || event.ctrlKey || event.metaKey) return;
       const moves: Record<string, () => void> = {
         " ": toggle,
-        ArrowLeft: () => setWin(w => pan(w, -0.2, serverNow())),
-        ArrowRight: () => setWin(w => pan(w, 0.2, serverNow())),
-        "+": () => setWin(w => zoom(w, 0.5, serverNow())),
-        "=": () => setWin(w => zoom(w, 0.5, serverNow())),
-        "-": () => setWin(w => zoom(w, 2, serverNow())),
+        ArrowLeft: () => setWin(w => pan(w, -0.2, shownNow())),
+        ArrowRight: () => setWin(w => pan(w, 0.2, shownNow())),
+        "+": () => setWin(w => zoom(w, 0.5, shownNow())),
+        "=": () => setWin(w => zoom(w, 0.5, shownNow())),
+        "-": () => setWin(w => zoom(w, 2, shownNow())),
         Home: back,
-        c: () => setReference(at => (at == null ? (cursor.value ?? bounds(state.current.win, serverNow())[0] + state.current.win.span / 2) : null)),
+        c: () => setReference(at => (at == null ? (cursor.value ?? bounds(state.current.win, shownNow())[0] + state.current.win.span / 2) : null)),
       };
       const move = moves[event.key];
       if (!move || isMeant(event)) return;
@@ -318,11 +319,11 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
 
   const refs = curves.variables.map(one => one.ref);
   /** What a table or a file has of the signals; an earlier window has columns of its own, at the times of this one. */
-  const columnsNow = (): Column[] => curves.columns(...bounds(win, serverNow()));
+  const columnsNow = (): Column[] => curves.columns(...bounds(win, shownNow()));
   const rows = (columns: Column[], most: number): [number, ...(number | null)[]][] => {
     const [now, before] = [columns.map(one => curves.series(one.ref)), earlier ? columns.map(one => shifted(earlier.series(one.ref), compare)) : []];
     const of = (all: Series[], t: number): (number | null)[] => all.map((series, i) => (columns[i] as Column).at(series, t));
-    return curves.rows(...bounds(win, serverNow()), most).map(t => [t, ...of(now, t), ...of(before, t)]);
+    return curves.rows(...bounds(win, shownNow()), most).map(t => [t, ...of(now, t), ...of(before, t)]);
   };
   const heads = (columns: Column[]): string[] => {
     const own = columns.map(one => one.head);
@@ -330,7 +331,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   };
   const columns = table ? columnsNow() : [];
   const shown = table ? rows(columns, 200) : [];
-  const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
+  const shownMarks = table ? marks(...bounds(win, shownNow())) : [];
   const coming = trajectoryRows([...expected.values()].filter(trajectory => refs.includes(trajectory.ref)), STEPS);
   const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
@@ -339,7 +340,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     downloadText(`${name}.csv`, csv([inEnglish(() => heads(all)), ...rows(all, Infinity).map(([t, ...others]) => [iso(t), ...others])]));
   };
   const exportPng = async (): Promise<void> => {
-    const [from, to] = bounds(win, serverNow());
+    const [from, to] = bounds(win, shownNow());
     const blob = await chart.current?.picture([[plant.value?.title || plant.value?.name, pens ? "" : subject.name].filter(Boolean).join(": "), fromUntil(from, to)]);
     if (blob) download(`${name}.png`, blob);
   };
@@ -372,7 +373,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     </div>
   );
   return (
-    <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0} {...takes(names => go("trend", joined(asPens(), names, serverNow())))}>
+    <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0} {...takes(names => go("trend", joined(asPens(), names, shownNow())))}>
       <div class="toolbar">
         <h1>{tr("page.trend")}</h1>
         <label>
@@ -397,15 +398,15 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
           ))}
         </div>
         <div class="segments" role="group" aria-label={tr("trend.move")}>
-          <button type="button" aria-label={tr("trend.earlier")} onClick={() => setWin(w => pan(w, -0.5, serverNow()))}>◀</button>
-          <button type="button" aria-label={tr("trend.later")} onClick={() => setWin(w => pan(w, 0.5, serverNow()))}>▶</button>
-          <button type="button" aria-label={tr("trend.zoomIn")} onClick={() => setWin(w => zoom(w, 0.5, serverNow()))}>+</button>
-          <button type="button" aria-label={tr("trend.zoomOut")} onClick={() => setWin(w => zoom(w, 2, serverNow()))}>−</button>
+          <button type="button" aria-label={tr("trend.earlier")} onClick={() => setWin(w => pan(w, -0.5, shownNow()))}>◀</button>
+          <button type="button" aria-label={tr("trend.later")} onClick={() => setWin(w => pan(w, 0.5, shownNow()))}>▶</button>
+          <button type="button" aria-label={tr("trend.zoomIn")} onClick={() => setWin(w => zoom(w, 0.5, shownNow()))}>+</button>
+          <button type="button" aria-label={tr("trend.zoomOut")} onClick={() => setWin(w => zoom(w, 2, shownNow()))}>−</button>
         </div>
         {!narrow && more}
       </div>
       {!narrow && pensTools}
-      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} expected={expected} edge={() => (win.ahead ? bounds(win, serverNow())[1] : Infinity)} />
+      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, shownNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} expected={expected} edge={() => (win.ahead ? bounds(win, shownNow())[1] : Infinity)} />
       {earlier && <p class="say">{tr("trend.dotted", {time: duration(compare)})}{earlier.error && <span class="complaint"> {tr("trend.history", {why: earlier.error})}</span>}</p>}
       {win.ahead && <p class="say">{expected.size > 0 ? win.live ? tr("trend.rightNow") : tr("trend.rightAt", {time: when(win.to)}) : tr("trend.noPlan")}</p>}
       {curves.error && <p class="complaint">{tr("trend.history", {why: curves.error})}</p>}
@@ -449,7 +450,7 @@ function earlierOf(span: number, compare: number, runs: {name: string; by: numbe
 /** The signals of this trend, and how they were in its window. */
 function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Curves; win: Window; remove: (ref: Ref) => void}): JSX.Element {
   useCell(second);
-  const [from, to] = bounds(win, serverNow());
+  const [from, to] = bounds(win, shownNow());
   return (
     <div class="panel scroll pens" tabIndex={0} role="region" aria-label={tr("trend.signals")}>
       <table class="data cards">
@@ -546,7 +547,7 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
 
 function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.Element {
   const [open, setOpen] = useState(false);
-  const [from, to] = bounds(win, serverNow());
+  const [from, to] = bounds(win, shownNow());
   const text = (t: number): string => stamp(t).replace(" ", "T");
   const [texts, setTexts] = useState({from: text(from), to: text(to)});
   const [zones, setZones] = useState({from: zoneAt(from), to: zoneAt(to)}); // which of two times of an hour that comes twice
@@ -554,7 +555,7 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
   const one = (end: "from" | "to"): number => meant[end].find(t => zoneAt(t) === zones[end]) ?? meant[end].at(end === "from" ? 0 : -1) ?? NaN;
   const [a, b] = [one("from"), one("to")];
   const skipped = (["from", "to"] as const).find(end => meant[end].length === 0 && !isNaN(Date.parse(`${texts[end]}Z`)));
-  const refused = skipped ? tr("trend.skipped", {time: texts[skipped].replace("T", " ")}) : refuse(a, b, serverNow());
+  const refused = skipped ? tr("trend.skipped", {time: texts[skipped].replace("T", " ")}) : refuse(a, b, shownNow());
   const which = (end: "from" | "to"): JSX.Element | false => meant[end].length > 1 && (
     <select aria-label={tr(end === "from" ? "trend.whichFrom" : "trend.whichTo")} value={zoneAt(one(end))} onChange={event => setZones({...zones, [end]: event.currentTarget.value})}>
       {meant[end].map(t => <option key={t} value={zoneAt(t)}>{zoneAt(t)}</option>)}

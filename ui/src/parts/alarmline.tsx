@@ -10,7 +10,8 @@ import {acknowledgement, counted, isUnacknowledged} from "../core/alarms";
 import {env} from "../core/env";
 import {clock} from "../core/format";
 import {isOnItsWay} from "../core/lifecycle";
-import {alarms, control, plant, second, serverNow} from "../core/model";
+import {leavePast} from "../core/past";
+import {alarmsNow, controlNow, plant, second, serverNow, shownAt} from "../core/model";
 import {slot} from "../core/writing";
 import {path} from "../router";
 import {calling, setSound, silence, sound} from "../sound";
@@ -21,8 +22,9 @@ import {tr} from "../core/texts";
 const priorities: Priority[] = [1, 2, 3, 4];
 
 export function AlarmLine(): JSX.Element | null {
-  const all = useCell(alarms);
-  const evaluated = useCell(control)?.alarms;
+  const all = useCell(alarmsNow);
+  const evaluated = useCell(controlNow)?.alarms;
+  const past = useCell(shownAt) != null;
   const barred = useWriteBar();
   const p = useCell(plant);
   const counts = counted(all);
@@ -34,7 +36,8 @@ export function AlarmLine(): JSX.Element | null {
   if (!p?.alarms || evaluated == null) return null;
   return (
     <section class={`alarm-line${first ? ` calls p${first.priority}` : ""}`} aria-label={tr("page.alarms")}>
-      <a class="counts" href={path("alarms")}>
+      <a class="counts" href={path("alarms")} onClick={leavePast}>
+        {past && <b>{tr("past.now")}</b>}
         {priorities.map(priority => {
           const n = counts.byPriority[priority - 1] as number;
           return n > 0 && <span key={priority}><Shape priority={priority} label={tr("common.alarms")} hollow={counts.waiting[priority - 1] === 0} /> {n}</span>;
@@ -47,7 +50,7 @@ export function AlarmLine(): JSX.Element | null {
       {evaluated === false && <span class="complaint"><Shape priority={2} label={tr("alarmline.notEvaluated")} /> {tr("alarmline.stopped")}</span>}
       <span class="first" role="status">
         {first && (
-          <a href={path("alarms", first.alarm)}>
+          <a href={path("alarms", first.alarm)} onClick={leavePast}>
             <Shape priority={first.priority} label={tr("alarmline.mostUrgent")} /> <b><Tag name={first.alarm} /></b> <span class="message">{first.message}</span> <span class="say">{first.now.active ? clock(first.now.raised ?? first.now.time) : tr("alarmline.returned", {time: clock(first.now.raised ?? first.now.time)})}</span>
           </a>
         )}

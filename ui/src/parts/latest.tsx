@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {eventText, folded, merge} from "../core/eventlist";
 import {clock, zone} from "../core/format";
-import {events, refill} from "../core/model";
+import {events, lately, refill} from "../core/model";
 import {path} from "../router";
 import type {PlantEvent} from "../core/types";
 import {EventShape} from "./eventshape";
@@ -20,7 +20,7 @@ export function Latest(): JSX.Element {
   const streamed = useCell(events);
   const filled = useCell(refill);
   useEffect(() => {
-    get<{events: PlantEvent[]}>("/api/events", {last: ASKED}).then(
+    get<{events: PlantEvent[]}>("/api/events", {last: ASKED, until: lately(0).until}).then(
       answer => setPast(answer.events),
       () => {},
     );

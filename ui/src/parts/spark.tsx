@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useRef} from "preact/hooks";
 import {useCell} from "../usecell";
 import {recent, RECENT} from "../core/loopdata";
-import {clock, live, second, serverNow} from "../core/model";
+import {knownUntil, live, second, shownNow} from "../core/model";
 import {extent, type Scale} from "../core/scale";
 import {held, indexAt, type Series} from "../core/series";
 import {colour, onPrint, repaint} from "../theme";
@@ -31,7 +31,7 @@ function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], sc
   const context = canvas.getContext("2d");
   if (!context) return;
   context.clearRect(0, 0, width, height);
-  const now = serverNow();
+  const now = shownNow();
   const x = (t: number): number => ((t - now + RECENT) / RECENT) * width;
   const y = (v: number): number => height - 2 - ((v - scale.low) / (scale.high - scale.low)) * (height - 4);
   for (const [series, name, step] of curves) {
@@ -73,7 +73,7 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
     const target = setpoint ? recent(setpoint) : null;
     const show = (): void => {
       const curves: [Series, string, boolean][] = [[series.value, "--live", false]];
-      if (target) curves.unshift([live(of).value.stale ? target.value : held(target.value, clock.newest ?? 0), "--label", true]);
+      if (target) curves.unshift([live(of).value.stale ? target.value : held(target.value, knownUntil()), "--label", true]);
       draw(element, curves, scale);
       element.setAttribute("aria-label", tr("parts.recentRange", {label, range: summary(of)}));
     };
@@ -96,7 +96,7 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
 
 export function summary(of: Ref): string {
   const series = recent(of).value;
-  const from = series.t[0] == null ? 0 : Math.max(0, indexAt(series, serverNow() - RECENT));
+  const from = series.t[0] == null ? 0 : Math.max(0, indexAt(series, shownNow() - RECENT));
   const [low, high] = extent([...series.low.slice(from), ...series.high.slice(from)]);
   return isFinite(low) ? tr("value.range", {low: told(of, low), high: told(of, high)}) : tr("parts.noData");
 }
