@@ -30,6 +30,8 @@ void samples_sort(struct samples *s);
  * the run, and the seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in
  * either case. */
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why);
+/* What a run writes at its end is not there: says who makes it. */
+int samples_missing(const char *dir, const char *name, struct apc_error *why);
 /* Each row of a file as such, with its time as a number: to @p take, which returns 0 or a negative error. */
 int samples_each(const char *path, int (*take)(void *ctx, double t, const struct apc_sample *sample),
                  void *ctx, struct apc_error *why);

@@ -239,6 +239,13 @@ static int count_seqs(struct samples *s)
     return 0;
 }
 
+int samples_missing(const char *dir, const char *name, struct apc_error *why)
+{
+    return apc_fail(why, APC_ENOTFOUND,
+                    "%.300s/%.50s: No such file; of a run that goes on, or was killed, apc report makes it",
+                    dir, name);
+}
+
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why)
 {
     char path[600];
@@ -246,5 +253,7 @@ int samples_read(struct samples *s, const char *dir, const char *name, struct ap
     *s = (struct samples){0};
     snprintf(path, sizeof path, "%.540s/%.50s", dir, name);
     const int rc = samples_each(path, add_sample_line, s, why);
+    if (rc == APC_ENOTFOUND && !strcmp(name, "samples.csv"))
+        return samples_missing(dir, name, why);
     return rc == 0 && count_seqs(s) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : rc;
 }

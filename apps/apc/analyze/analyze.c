@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apc/folder/folder.h"
+
 static void take_at(void *options, char *arg, const struct argp_state *state)
 {
     struct analyze_options *o = options;
@@ -189,6 +191,10 @@ int command_analyze(int argc, char **argv)
     rc = experiment_load(&z->e, z->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, &why);
     if (rc == 0)
         rc = take_recorded_timing(z, &why);
+    if (rc == 0 && folder_operated(&z->e, true) > 0)
+        fputs("apc analyze: in that run an operator changed the tuning: this is the file's, and --set "
+              "changes it\n",
+              stderr);
     if (rc == 0)
         rc = linear_loop_create(&z->l, &z->e, &how, &why);
     if (rc == 0)

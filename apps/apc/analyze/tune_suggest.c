@@ -431,6 +431,8 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
     *s = (struct suggestion){.n = 0};
     if (rc < 0)
         return rc;
+    if (folder_operated(&z.e, true) > 0)
+        fputs("apc tune: in that run an operator changed the tuning: `now` is the file's\n", stderr);
     z.model = calloc(1, sizeof *z.model);
     z.tags = z.model ? provision_tags(&z.e, &z.n_tags) : NULL;
     rc = z.tags ? find_loop_models(&z, why) : apc_fail(why, APC_ENOMEM, "out of memory");

@@ -625,3 +625,39 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
         folder_columns(dir);
     return rc == 0 ? write_end(dir, ended > 0 ? ended : apc_ns_to_s(end), why) : rc;
 }
+
+/* ---- What its file does not say ------------------------------------------------------------ */
+
+/* Of the file's actions, which it does say. */
+static unsigned long long count_actions(const struct experiment *e, bool tuning)
+{
+    unsigned long long n = 0;
+    for (size_t i = 0; i < e->n_actions; i++) {
+        const enum apc_table table = e->action[i].to.table;
+        const bool counts = tuning ? table == APC_TUNING : table != APC_SETPOINT;
+        if (e->action[i].kind == ACTION_WRITE && counts && e->action[i].at <= (apc_ns)(e->duration * 1e9))
+            n += e->action[i].n;
+    }
+    return n;
+}
+
+unsigned long long folder_operated(const struct experiment *e, bool tuning)
+{
+    struct samples operation;
+    struct apc_error why;
+    char dir[sizeof e->file];
+    unsigned long long n = 0;
+    if (!e->start)
+        return 0;
+    snprintf(dir, sizeof dir, "%.*s", (int)(strlen(e->file) - strlen("run.conf")), e->file);
+    if (samples_read(&operation, dir, "operation.csv", &why) == 0)
+        for (size_t i = 0; i < operation.n; i++) {
+            const struct apc_sample *s = &operation.at[i];
+            const bool counts =
+                tuning ? s->table == APC_TUNING : s->table != APC_ACTUAL && s->table != APC_SETPOINT;
+            n += s->time > 0 && counts;
+        }
+    samples_free(&operation);
+    const unsigned long long asked = count_actions(e, tuning);
+    return n > asked ? n - asked : 0;
+}

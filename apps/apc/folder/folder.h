@@ -52,6 +52,10 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
 /* Make samples.columns of samples.csv: what Python reads faster. Where it cannot be there is none. */
 void folder_columns(const char *dir);
 
+/* Rows of modes, tuning and manual outputs, or of tuning alone, that an operator wrote in the run whose folder
+ * @p e is of: what a computation from its file leaves out. */
+unsigned long long folder_operated(const struct experiment *e, bool tuning);
+
 /* Refuse to write over a file, but for an empty one and what is no regular file. */
 int folder_spare(const char *path, bool force, struct apc_error *why);
 

@@ -199,6 +199,8 @@ static int read_known_columns(struct reading *r, struct known *known, size_t *n)
     *n = 0;
     snprintf(path, sizeof path, "%.560s/signals.csv", r->file);
     rc = csv_open(&csv, path, r->why);
+    if (rc == APC_ENOTFOUND)
+        return samples_missing(r->file, "signals.csv", r->why);
     if (rc == 0 && csv_columns(csv) < 4)
         rc = csv_refuse(csv, r->why, "expected the columns table,id,name,unit");
     while (rc == 0 && *n < COLUMNS_MOST && (rc = csv_next(csv, r->why)) > 0) {

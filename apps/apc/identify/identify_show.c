@@ -2,6 +2,7 @@
 /* What apc identify tells, for people and for programs. */
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include <apctune.h>
 
@@ -150,8 +151,12 @@ static int show_models(const struct identification *z)
     }
     int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (int k = 0; k < KINDS; k++)
-        if (z->model[k].kind && !z->model[k].linear)
-            printf("no %s: %s\n", z->model[k].kind, z->model[k].why.text);
+        if (z->model[k].kind && !z->model[k].linear) {
+            const char *const why = z->model[k].why.text;
+            const bool named = !strncmp(why, z->model[k].kind, strlen(z->model[k].kind));
+
+            printf("no %s%s%s\n", named ? "" : z->model[k].kind, named ? "" : ": ", why);
+        }
     return rc;
 }
 

@@ -393,23 +393,8 @@ static int leave_simulation_report(const struct simulate *r)
 /* What was operated in the run whose folder is simulated is no part of the experiment. */
 static void tell_operation(const struct simulate *r)
 {
-    struct samples operation;
-    struct apc_error why;
-    unsigned long long n = 0;
-    char dir[sizeof r->e.file];
-    snprintf(dir, sizeof dir, "%.*s", (int)(strlen(r->e.file) - strlen("run.conf")), r->e.file);
-    if (r->e.start && samples_read(&operation, dir, "operation.csv", &why) == 0) {
-        for (size_t i = 0; i < operation.n; i++) {
-            const struct apc_sample *s = &operation.at[i];
-            n += s->time > 0 && s->table != APC_ACTUAL && s->table != APC_SETPOINT;
-        }
-        for (size_t i = 0; i < r->e.n_actions && n > 0; i++) /* but what the file asks for it does */
-            n -= r->e.action[i].kind == ACTION_WRITE && r->e.action[i].to.table != APC_SETPOINT &&
-                         r->e.action[i].at <= (apc_ns)(r->e.duration * 1e9)
-                     ? r->e.action[i].n
-                     : 0;
-        samples_free(&operation);
-    }
+    const unsigned long long n = folder_operated(&r->e, false);
+
     if (n > 0)
         fprintf(
             r->talk,

@@ -109,6 +109,7 @@ refused '30: 3 fields under 4 names: is the row cut off' sed '30s/,[^,]*$//' tan
 # measured each 0.5 s of a plant that moves each 0.2 s: at 0.4, 1, 1.4, 2, ... of a grid of 0.2 s, and each second
 "$apc" test "$APC_SOURCE_DIR/experiments/first-order.conf" --duration 400 -o sparse >sparse.txt
 expect 0 'transfer needs no more; arx, subspace and fir do: with --period 1 all have one' "$apc" identify sparse --model transfer
+expect 0 '^no arx: only 0 stretches of ' "$apc" identify sparse
 "$apc" identify sparse --period 1 --model arx >sparse.txt || fail "no arx at the period that it names"
 ! grep -q -e 'have no sample' -e 'needs no more' sparse.txt || fail "at the period that it names there are gaps: $(cat sparse.txt)"
 

@@ -128,6 +128,9 @@ grep -q '^actuator,1,"u","","manipulated variable",-10,10$' "$work/live/signals.
 expect 0 "^u +([0-9]+) +\\1 +0 " "$apc" replay "$work/live"
 expect 1 'u differs' "$apc" replay "$work/live" --law pi --tolerance 0
 expect 0 'operator changed modes, tuning or outputs 3 times' "$apc" simulate "$work/live"
+expect 0 'an operator changed the tuning: this is the file' "$apc" analyze "$work/live"
+{ "$apc" tune --suggest "$work/live" 2>&1 || true; } | grep -q 'an operator changed the tuning: `now` is the file' ||
+  fail "apc tune takes the tuning of the file for the present one, and does not say so"
 start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/live/record.conf")
 [ "$(date -d "$start" +%s)" -gt 0 ] || fail "the record does not say when the run began"
 

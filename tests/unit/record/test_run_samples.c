@@ -409,7 +409,8 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
     remove(scratch_path("plant.csv"));
     remove(scratch_path("samples.csv"));
     assert_int_equal(trajectory_load(&trajectory, scratch_folder(), &e, &why), APC_ENOTFOUND);
-    assert_has(why.text, "samples.csv: No such file");
+    assert_has(why.text,
+               "samples.csv: No such file; of a run that goes on, or was killed, apc report makes it");
     trajectory_free(&trajectory);
 }
 
