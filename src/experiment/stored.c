@@ -51,6 +51,25 @@ static int tags_of_text(const char *text, const char *refusal, struct apc_tag **
     return rc < 0 ? rc : *tags ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
 }
 
+/* A store that keeps former descriptions has its first one at the beginning of time. */
+static int check_kept(struct apc_store *store, int64_t revision, struct apc_error *why)
+{
+    struct apc_store *past = NULL;
+    char *text = NULL;
+    int64_t first = 0;
+    int rc = apc_store_past(&past, store, 1, why);
+    if (rc >= 0)
+        rc = experiment_text(past, &text, &first, why);
+    free(text);
+    apc_store_close(past);
+    return rc < 0 || first < revision
+               ? rc
+               : apc_fail(
+                     why, APC_ENOTFOUND,
+                     "how the experiment was described then is not on record, and it was described anew: "
+                     "a name may have been another's");
+}
+
 int experiment_tags_then(struct apc_store *past, struct apc_store *now, const char *refusal,
                          struct apc_tag **tags, size_t *n, struct apc_error *why)
 {
@@ -61,6 +80,8 @@ int experiment_tags_then(struct apc_store *past, struct apc_store *now, const ch
     int rc = experiment_text(past, &was, &revision, why);
     if (rc >= 0)
         rc = experiment_text(now, &is, &revision, why);
+    if (rc >= 0 && revision > 1 && strcmp(was, is) == 0)
+        rc = check_kept(now, revision, why);
     if (rc >= 0 && was[0] && strcmp(was, is) != 0)
         rc = tags_of_text(was, refusal, tags, n, why);
     free(was);

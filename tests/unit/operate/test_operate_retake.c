@@ -87,6 +87,11 @@ static void wrote(const char *name, unsigned kind, double value)
     operation_end(&o);
 }
 
+static bool keeps_descriptions(void)
+{
+    return strncmp(store_kind->name, "mem:", 4) != 0 && strncmp(store_kind->name, "shm:", 4) != 0;
+}
+
 /* Returns "", or the code of why not, with the sentence in why; the changes in `taken`. */
 static const char *take(apc_ns at, const char *name)
 {
@@ -231,12 +236,14 @@ static void test_what_cannot_be_written_now_is_named_and_nothing_is(void **state
     assert_string_equal(put(), "stale");
     assert_string_equal(why.text, "u.Kp was changed meanwhile: it is 0.7 now");
     assert_true(value_of(APC_SETPOINT, SET_W) == 5.0);
+    assert_string_equal(take(1000 * APC_NS_PER_S, NULL), "value");
+    assert_non_null(strstr(why.text, "nothing that people set is on record as of 1970-01-01T00:16:40"));
+    if (!keeps_descriptions())
+        return;
     describe("20.0", "pi", "");
     assert_string_equal(take(at, NULL), "limits");
     assert_string_equal(why.text, "w = 40 lies outside its limits -50 to 20");
     assert_int_equal(taken.n == 0 || value_of(APC_TUNING, KP) == 0.7, 1);
-    assert_string_equal(take(1000 * APC_NS_PER_S, NULL), "value");
-    assert_non_null(strstr(why.text, "nothing that people set is on record as of 1970-01-01T00:16:40"));
 }
 
 /* Promise(run/values-taken-again) */
@@ -252,12 +259,11 @@ static void test_a_setpoint_alone_waits_for_its_mode(void **state)
     assert_string_equal(why.text, "r follows y while u is in Man");
 }
 
-/* By its name, not by its number: other parameters have that now. What a store in memory was before it does not
- * know. */
+/* By its name, not by its number: other parameters have that now. */
 static void test_a_parameter_that_is_gone_is_named(void **state)
 {
     (void)state;
-    if (strncmp(store_kind->name, "mem:", 4) == 0 || strncmp(store_kind->name, "shm:", 4) == 0)
+    if (!keeps_descriptions())
         return;
     describe("50.0", "pid", "tau_d = 3.0;");
     wrote("u.tau_d", CHANGE_TUNING, 4);
@@ -269,6 +275,27 @@ static void test_a_parameter_that_is_gone_is_named(void **state)
     assert_non_null(strstr(why.text, " is not there any more"));
     assert_string_equal(take(at, "u.Kp"), "");
     assert_true(taken.n == 1 && is_of("u.Kp", 0.7, 0.2));
+}
+
+/* A store in memory does not know what a number was before it was described anew, so it writes none. */
+static void test_without_its_description_an_instant_is_refused(void **state)
+{
+    (void)state;
+    if (keeps_descriptions())
+        return;
+    struct apc_store *past = NULL;
+    struct apc_error error;
+    struct apc_tag *then = NULL;
+    size_t n = 0;
+    describe("50.0", "pid", "tau_d = 3.0;");
+    wrote("u.tau_d", CHANGE_TUNING, 4);
+    const apc_ns at = instant();
+    describe("50.0", "pi", "");
+    ok(store, apc_store_past(&past, store, at, &error));
+    assert_int_equal(experiment_tags_then(past, store, NULL, &then, &n, &error), APC_ENOTFOUND);
+    assert_non_null(strstr(error.text, "how the experiment was described then is not on record"));
+    assert_null(then);
+    apc_store_close(past);
 }
 
 #undef T
@@ -283,6 +310,7 @@ int main(void)
         T(test_what_cannot_be_written_now_is_named_and_nothing_is),
         T(test_a_setpoint_alone_waits_for_its_mode),
         T(test_a_parameter_that_is_gone_is_named),
+        T(test_without_its_description_an_instant_is_refused),
     };
     int failed = 0;
     while (stores_next())
