@@ -263,6 +263,8 @@ void apc_controller_take_choice(struct apc_controller *controller);
 void apc_controller_take_told(struct apc_controller *controller, size_t k, const struct apc_sample *newest);
 /** Gather the inputs of loop @p i, and its move, both with a usable answer of the law assumed. [tick] */
 void apc_controller_gather(struct apc_controller *controller, size_t i, bool have, struct apc_now now);
+/* @p mono of a punctual tick, counted from where loop @p i began to hold. */
+apc_ns apc_controller_punctual(const struct apc_controller *controller, size_t i, apc_ns mono);
 /** Say of everything that is wanted what became of it. [tick] */
 void apc_controller_confirm(struct apc_controller *controller);
 

@@ -491,6 +491,17 @@ static bool are_same_loop_inputs(const struct apc_loop_inputs *a, const struct a
            a->expired == b->expired && a->backup == b->backup && a->bare == b->bare && a->remote == b->remote;
 }
 
+/* How late two ticks are neither lengthens nor shortens by a tick what lies between them. */
+apc_ns apc_controller_punctual(const struct apc_controller *c, size_t i, apc_ns mono)
+{
+    const apc_ns held = c->state[i].loop.held;
+    apc_ns period;
+
+    if (apc_ns_from_s(c->Ts, &period) < 0 || period <= 0 || mono < held)
+        return mono;
+    return held + (mono - held + period / 2) / period * period;
+}
+
 void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct apc_now now)
 {
     const bool below = c->loop[i].setpoint, selected = apc_controller_is_selected(c, i),
@@ -510,6 +521,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         apc_controller_find_in_force(c, i, c->below[i].value);
     if (have && c->choice && !below && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
         take_output(c, i);
+    const apc_ns punctual = apc_controller_punctual(c, i, now.mono);
     const struct apc_loop_inputs inputs = {
         .target = l->target,
         .acting = c->acting,
@@ -518,8 +530,8 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         .invited = have && (below || selected) && c->below[i].invited,
         .input = input,
         .law = true,
-        .expired = apc_loop_expired(&l->loop, input, now.mono, c->loop[i].hold, c->shed_after),
-        .backup = backup && (ready || apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold)),
+        .expired = apc_loop_expired(&l->loop, input, punctual, c->loop[i].hold, c->shed_after),
+        .backup = backup && (ready || apc_loop_bridges(&l->loop, punctual, c->loop[i].hold)),
         .bare = backup && !ready,
         .remote = cascade && c->above[l->setpoint].remote};
     if (l->loop.state != l->from || !are_same_loop_inputs(&inputs, &l->inputs)) {

@@ -466,7 +466,7 @@ static void refuse_backup(struct apc_controller *c, size_t i, struct apc_now now
     if (!(l->move.backup & APC_ASK_COMPUTE))
         return;
     l->inputs.bare = true;
-    l->inputs.backup = apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold);
+    l->inputs.backup = apc_loop_bridges(&l->loop, apc_controller_punctual(c, i, now.mono), c->loop[i].hold);
     l->move = apc_loop_next(l->loop.state, &l->inputs);
     snprintf(l->trouble, sizeof(l->trouble), "backup law %.20s gave no output", c->backup.definition->name);
 }

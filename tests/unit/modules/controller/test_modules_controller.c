@@ -589,6 +589,21 @@ static void a_lost_measurement_holds_then_faults_then_recovers_without_a_bump(vo
     }
 }
 
+/* The first tick of it is 100 ms late, those that follow are not: 6 s are three periods all the same. */
+static void a_late_tick_does_not_lengthen_what_is_held(void **state)
+{
+    struct rig *r = *state;
+
+    measured_tick(r, 0.5);
+    r->mono += 100 * APC_NS_PER_MS;
+    for (int k = 0; k < 4; k++) {
+        set(r, Y, 0.1);
+        lose(r, 0);
+        assert_int_equal(tick(r)->status, k < 3 ? APC_UNCERTAIN_LAST_USABLE : APC_UNCERTAIN_SUBSTITUTE);
+        r->mono -= k == 0 ? 100 * APC_NS_PER_MS : 0;
+    }
+}
+
 static int compute_nothing(struct apc_law_call *c)
 {
     (void)c;
@@ -906,6 +921,7 @@ int main(void)
         T(tuning_out_of_range_is_refused_once_and_the_last_good_one_kept),
         T(out_of_service_writes_no_output),
         T(a_lost_measurement_holds_then_faults_then_recovers_without_a_bump),
+        T(a_late_tick_does_not_lengthen_what_is_held),
         cmocka_unit_test(what_the_output_is_held_for_is_said),
         T(a_measurement_that_is_no_longer_renewed_is_stale),
         T(the_integral_stands_still_while_the_output_is_held),
