@@ -114,7 +114,7 @@ static void tune_mpc(struct apc_law_mpc *p, const struct apc_law_call *c)
     }
     for (size_t j = 0; j < nu; j++) {
         p->s[j] = of_u(c, j, MOVE) / (p->dev_u[j] * p->dev_u[j]);
-        p->r[j] = of_u(c, j, WISH) / (p->dev_u[j] * p->dev_u[j]);
+        p->r[j] = of_u(c, j, REFERENCE_WEIGHT) / (p->dev_u[j] * p->dev_u[j]);
     }
     if (p->is_tuned && !memcmp(p->tuned, p->q, ny * sizeof(*p->q)) &&
         !memcmp(p->tuned + ny, p->zone, ny * sizeof(*p->q)) &&
@@ -167,7 +167,7 @@ static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
     for (size_t j = 0; j < p->dim.nu; j++) {
         p->u_last[j] = last_mpc_output(p, c, j);
         p->given[j] = c->out[j] != APC_OUT_LAW;
-        p->wish[j] = of_u(c, j, WISH) > 0.0 ? of_u(c, j, REFERENCE) : p->u_last[j];
+        p->reference[j] = of_u(c, j, REFERENCE_WEIGHT) > 0.0 ? of_u(c, j, REFERENCE) : p->u_last[j];
         p->cost[j] = of_u(c, j, COST);
         bound_manipulated(p, c, j);
     }
@@ -280,7 +280,7 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
                                       .w = p->w,
                                       .d = p->dim.nd ? p->d : NULL,
                                       .u_last = p->u_last,
-                                      .u_wish = p->wish,
+                                      .u_reference = p->reference,
                                       .u_cost = p->cost,
                                       .low = p->low,
                                       .high = p->high,

@@ -12,7 +12,7 @@
 #include "predict/shooting.h"
 
 /* Tuning: of each output, then of each measurement. */
-enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, N_OF_U };
+enum { MOVE, REFERENCE_WEIGHT, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, N_OF_U };
 enum { WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE, N_OF_Y };
 #define NO_LIMIT 1e9 /* of a tuning: from here on there is none */
 
@@ -68,11 +68,11 @@ struct apc_law_mpc {
     double *x;          /* [states] corrected by y, with the plan of this tick */
     double *seen, *now; /* [n_seen] what x was made from */
     size_t n_seen;
-    double *plan, *shifted;                                   /* [nu * blocks] */
-    double *w, *d;                                            /* [(N + 1) * ny], [(N + 1) * nd] */
-    double *u_last, *wish, *cost, *low, *high, *step, *s, *r; /* [nu] */
-    double *q, *zone, *y_low, *y_high;                        /* [ny] */
-    double *tuned;                                            /* weights that the problem has */
+    double *plan, *shifted;                                        /* [nu * blocks] */
+    double *w, *d;                                                 /* [(N + 1) * ny], [(N + 1) * nd] */
+    double *u_last, *reference, *cost, *low, *high, *step, *s, *r; /* [nu] */
+    double *q, *zone, *y_low, *y_high;                             /* [ny] */
+    double *tuned;                                                 /* weights that the problem has */
     bool is_tuned, is_seen;
     double *input;        /* [nu + nd] */
     double *past;         /* [(late_most + 1) * nu] what acts before the plan does, the youngest first */

@@ -513,7 +513,7 @@ static int allocate_mpc_law(struct apc_law_mpc *p, struct apc_error *why)
                                      APC_PART(p->w, (p->N + 1) * ny),
                                      APC_PART(p->d, (p->N + 1) * p->dim.nd),
                                      APC_PART(p->u_last, nu),
-                                     APC_PART(p->wish, nu),
+                                     APC_PART(p->reference, nu),
                                      APC_PART(p->cost, nu),
                                      APC_PART(p->low, nu),
                                      APC_PART(p->high, nu),

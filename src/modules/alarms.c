@@ -27,7 +27,7 @@ enum { ACK, SHELF, SERVICE, SWITCHES };
 static const enum apc_alarm_switch switches[SWITCHES] = {APC_ALARM_ACK, APC_ALARM_SHELF, APC_ALARM_SERVICE};
 
 /** What somebody wants of an alarm, and what became of it. */
-struct wish {
+struct switch_request {
     const struct apc_sample *row; /* newest of the switch */
     int64_t looked;               /* the row that was looked at last */
     int64_t seq;                  /* of the newest row that says so, in table actual */
@@ -41,7 +41,7 @@ struct watched {
     struct apc_alarm_condition condition;
     struct apc_alarm_inputs inputs;
     const struct apc_sample *suppressor;
-    struct wish wish[SWITCHES];
+    struct switch_request request[SWITCHES];
     apc_ns shelved_until; /* mono */
     bool suppressed;
     apc_ns suppressed_until; /* mono */
@@ -60,7 +60,7 @@ struct apc_alarms {
     double numbers[APC_ALARMS_TICK];
     struct apc_rows in, out, former;
     size_t transitions;         /* of out */
-    struct apc_sample *settled; /* [n_settled] what became of wishes at this tick */
+    struct apc_sample *settled; /* [n_settled] what became of requests at this tick */
     size_t n_settled;
     int64_t journal; /* number of the last transition */
 };
@@ -161,7 +161,7 @@ static void wire(struct apc_alarms *a)
         for (int k = 0; k < SWITCHES; k++) {
             *sample =
                 (struct apc_sample){.table = APC_OPMODE, .id = apc_alarm_switch_id(switches[k], w->number)};
-            w->wish[k].row = sample++;
+            w->request[k].row = sample++;
         }
     }
     a->in.n_samples = (size_t)(sample - a->in.sample);
@@ -171,8 +171,8 @@ static void wire(struct apc_alarms *a)
     for (size_t i = 0; i < a->options.n; i++) {
         *sample++ = (struct apc_sample){.table = APC_ALARM, .id = a->at[i].number};
         for (int k = 0; k < SWITCHES; k++)
-            *sample++ = (struct apc_sample){.table = APC_ACTUAL,
-                                            .id = apc_variable_number(APC_OPMODE, a->at[i].wish[k].row->id)};
+            *sample++ = (struct apc_sample){
+                .table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, a->at[i].request[k].row->id)};
     }
     a->tick = (struct apc_vector){.table = APC_TICK,
                                   .id = a->options.number,
@@ -262,10 +262,10 @@ static void resume_alarm(struct apc_alarms *a, struct watched *w, const struct a
         a->journal = row->origin;
     for (int k = 0; k < SWITCHES; k++) {
         const struct apc_sample *actual = row + 1 + k;
-        w->wish[k].looked = actual->seq > 0 ? actual->origin : 0;
-        w->wish[k].seq = apc_seq_last(actual);
-        w->wish[k].value = actual->seq > 0 ? actual->value : 0;
-        w->wish[k].author = actual->author;
+        w->request[k].looked = actual->seq > 0 ? actual->origin : 0;
+        w->request[k].seq = apc_seq_last(actual);
+        w->request[k].value = actual->seq > 0 ? actual->value : 0;
+        w->request[k].author = actual->author;
     }
     w->shelved_until = INT64_MIN; /* as of the first tick */
 }
@@ -306,19 +306,19 @@ static void happen(struct apc_alarms *a, struct watched *w, enum apc_alarm_event
 /* ---- What people want ---------------------------------------------------------------------- */
 
 /* What became of it. */
-static void settle_wish(struct apc_alarms *a, struct watched *w, int which, double value, apc_status status,
-                        apc_ns utc)
+static void settle_switch(struct apc_alarms *a, struct watched *w, int which, double value, apc_status status,
+                          apc_ns utc)
 {
-    struct wish *wish = &w->wish[which];
-    wish->value = value;
+    struct switch_request *request = &w->request[which];
+    request->value = value;
     a->settled[a->n_settled++] = (struct apc_sample){.table = APC_ACTUAL,
-                                                     .id = apc_variable_number(APC_OPMODE, wish->row->id),
-                                                     .seq = ++wish->seq,
+                                                     .id = apc_variable_number(APC_OPMODE, request->row->id),
+                                                     .seq = ++request->seq,
                                                      .time = utc,
                                                      .value = value,
                                                      .status = status,
-                                                     .author = wish->author,
-                                                     .origin = wish->looked};
+                                                     .author = request->author,
+                                                     .origin = request->looked};
 }
 
 static const char *refuse_ack(const struct watched *w, double seen)
@@ -344,9 +344,10 @@ static const char *refuse_shelf(const struct apc_alarms *a, double until, apc_ns
     return left > apc_ns_to_s(a->options.shelve_max) + 1 ? "its end is later than shelving may last" : NULL;
 }
 
-static const char *refusal_of_wish(const struct apc_alarms *a, const struct watched *w, int which, apc_ns utc)
+static const char *refusal_of_switch(const struct apc_alarms *a, const struct watched *w, int which,
+                                     apc_ns utc)
 {
-    const struct apc_sample *row = w->wish[which].row;
+    const struct apc_sample *row = w->request[which].row;
     if (apc_status_severity(row->status) == APC_SEVERITY_BAD)
         return "its status is Bad";
     if (which == ACK)
@@ -363,43 +364,43 @@ static apc_ns end_of_shelving(double value, struct apc_now now)
     return apc_ns_from_s(left, &ns) < 0 ? now.mono : now.mono + ns;
 }
 
-/* Look at a wish that is new. One that is refused is told; where another was at this tick it waits. */
-static void look_at_wish(struct apc_alarms *a, struct watched *w, int which, struct apc_now now,
-                         struct apc_notice *notice)
+/* Look at a request that is new. One that is refused is told; where another was at this tick it waits. */
+static void look_at_switch(struct apc_alarms *a, struct watched *w, int which, struct apc_now now,
+                           struct apc_notice *notice)
 {
     static const char *const what[SWITCHES] = {"not acknowledged", "not shelved", "service not changed"};
-    struct wish *wish = &w->wish[which];
-    const struct apc_sample *row = wish->row;
-    if (row->seq <= wish->looked)
+    struct switch_request *request = &w->request[which];
+    const struct apc_sample *row = request->row;
+    if (row->seq <= request->looked)
         return;
-    const char *reason = refusal_of_wish(a, w, which, now.utc);
+    const char *reason = refusal_of_switch(a, w, which, now.utc);
     if (reason && notice->kind != APC_NOTICE_NONE)
         return;
-    wish->looked = row->seq;
+    request->looked = row->seq;
     if (reason) {
         apc_note(notice, APC_NOTICE_REJECTED, "%.63s: %s: %s", w->is.name, what[which], reason);
-        settle_wish(a, w, which, wish->value, APC_BAD_OUT_OF_RANGE, now.utc);
+        settle_switch(a, w, which, request->value, APC_BAD_OUT_OF_RANGE, now.utc);
         return;
     }
-    wish->author = row->author;
+    request->author = row->author;
     if (which == ACK)
         happen(a, w, w->state == APC_ALARM_LATCHED ? APC_ALARM_RESET : APC_ALARM_ACKNOWLEDGE, now.utc,
                row->author);
     if (which == SHELF)
         w->shelved_until = end_of_shelving(row->value, now);
-    settle_wish(a, w, which, row->value, APC_GOOD, now.utc);
+    settle_switch(a, w, which, row->value, APC_GOOD, now.utc);
 }
 
 /* Shelving that is over is in force no more. */
 static void expire_shelving(struct apc_alarms *a, struct watched *w, bool over, struct apc_now now)
 {
-    struct wish *shelf = &w->wish[SHELF];
+    struct switch_request *shelf = &w->request[SHELF];
     const bool shelved = shelf->value < 0 || shelf->value > 0;
     if (shelved && w->shelved_until == INT64_MIN)
         w->shelved_until = end_of_shelving(shelf->value, now);
     if (shelved && (over || now.mono >= w->shelved_until)) {
         shelf->author = 0;
-        settle_wish(a, w, SHELF, 0, APC_GOOD, now.utc);
+        settle_switch(a, w, SHELF, 0, APC_GOOD, now.utc);
     }
 }
 
@@ -421,9 +422,9 @@ static bool is_suppressed(struct apc_alarms *a, struct watched *w, apc_ns mono)
 /* The mask that is wanted, the strongest first. */
 static enum apc_alarm_event mask_of(struct apc_alarms *a, struct watched *w, apc_ns mono)
 {
-    const double shelf = w->wish[SHELF].value;
+    const double shelf = w->request[SHELF].value;
     const bool suppressed = is_suppressed(a, w, mono);
-    if (w->wish[SERVICE].value > 0)
+    if (w->request[SERVICE].value > 0)
         return APC_ALARM_REMOVE;
     if (suppressed)
         return APC_ALARM_SUPPRESS;
@@ -443,11 +444,11 @@ static uint32_t author_of_alarm(const struct watched *w, enum apc_alarm_event ev
     switch (event) {
     case APC_ALARM_REMOVE:
     case APC_ALARM_RESTORE:
-        return w->wish[SERVICE].author;
+        return w->request[SERVICE].author;
     case APC_ALARM_SHELVE:
     case APC_ALARM_SHELVE_ONCE:
     case APC_ALARM_UNSHELVE:
-        return w->wish[SHELF].author;
+        return w->request[SHELF].author;
     default:
         return 0;
     }
@@ -460,7 +461,7 @@ static uint32_t author_of_alarm(const struct watched *w, enum apc_alarm_event ev
 static void step_alarm(struct apc_alarms *a, struct watched *w, struct apc_now now, struct apc_notice *notice)
 {
     for (int k = 0; k < SWITCHES; k++)
-        look_at_wish(a, w, k, now, notice);
+        look_at_switch(a, w, k, now, notice);
     const bool once = w->state == APC_ALARM_ONE_SHOT_ACTIVE;
     if (!w->condition.is && apc_alarm_is_active(w->state))
         happen(a, w, APC_ALARM_GOES, now.utc, 0);

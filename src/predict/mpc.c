@@ -399,7 +399,7 @@ static double cost_of_moves(const struct apc_mpc *p, const double *plan)
         for (size_t j = 0; j < p->nu; j++) {
             const double move = plan[j] - before[j], away = plan[j] - aimed[j];
 
-            sum += 0.5 * (p->s[j] * move * move + wished(p, b, j) * away * away);
+            sum += 0.5 * (p->s[j] * move * move + reference_weight(p, b, j) * away * away);
         }
     }
     return sum;

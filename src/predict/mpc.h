@@ -57,7 +57,7 @@ struct apc_mpc_call {
     const double *w;              /* [(N + 1) * ny] setpoints, row 0 now */
     const double *d;              /* [(N + 1) * nd] measured disturbances */
     const double *u_last;         /* [nu] that acts now */
-    const double *u_wish;         /* [nu] where u wants to be, as far as setpoints leave it free */
+    const double *u_reference;    /* [nu] where u wants to be, as far as setpoints leave it free */
     const double *u_cost;         /* [nu] of a steady u, per unit; NULL: none */
     const double *low, *high;     /* [nu] */
     const double *step;           /* [nu] most that u may change from one sample to the next */
@@ -87,7 +87,7 @@ void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double 
 /*
  * Of a nonlinear model, before each solution: first where it is to come to rest, sought near x [nx_plant +
  * nx_held], u [nu], which become where sample 1 is aimed at. Where no steady state is found, y is to be at
- * its setpoint and u at its wish, and x and u stay. Where that takes more steps than a solve may change its
+ * its setpoint and u at its reference, and x and u stay. Where that takes more steps than a solve may change its
  * working set, or time is up: samples after the first are aimed at their setpoints; while not even the first
  * has its steady state, result's rc is APC_ETIMEDOUT, and x and u are where to go on. [tick]
  */

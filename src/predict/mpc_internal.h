@@ -74,7 +74,7 @@ static inline size_t summed(const struct apc_mpc *p)
 }
 
 /* The weight of a move's distance from its target; the last one's is in the terminal weight as well. */
-static inline double wished(const struct apc_mpc *p, size_t block, size_t j)
+static inline double reference_weight(const struct apc_mpc *p, size_t block, size_t j)
 {
     return p->ends && block + 1 == p->blocks ? 0.0 : p->r[j];
 }

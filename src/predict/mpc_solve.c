@@ -99,7 +99,7 @@ QP_LANES static void pull(struct apc_mpc *p)
 }
 
 /* Away from where moves want to be, and from what acts now. */
-static void wish(struct apc_mpc *p, const struct apc_mpc_call *call)
+static void pull_to_reference(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const size_t nu = p->nu;
 
@@ -109,7 +109,7 @@ static void wish(struct apc_mpc *p, const struct apc_mpc_call *call)
         for (size_t b = 0; b < p->blocks && p->r[j] > 0.0; b++) {
             const size_t sample = p->first[b] > 0 ? p->first[b] - 1 : 0;
 
-            p->f[b * nu + j] -= wished(p, b, j) * (p->target_u[sample * nu + j] - u0);
+            p->f[b * nu + j] -= reference_weight(p, b, j) * (p->target_u[sample * nu + j] - u0);
         }
         p->f[j] -= p->s[j] * (call->u_last[j] - u0);
     }
@@ -122,7 +122,7 @@ QP_LANES static void mpc_gradient(struct apc_mpc *p, const struct apc_mpc_call *
     size_t i = 0;
 
     pull(p);
-    wish(p, call);
+    pull_to_reference(p, call);
     if (!p->ends)
         return;
     for (size_t k = 0; k < nc; k++)

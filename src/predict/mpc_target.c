@@ -66,7 +66,7 @@ void mpc_set_references(struct apc_mpc *p, const struct apc_mpc_call *call)
     p->reachable = true;
     for (size_t i = 1; i <= p->N; i++) {
         p->reachable = reference_at_setpoint(p, call, i) && p->reachable;
-        memcpy(p->target_u + (i - 1) * p->nu, call->u_wish, p->nu * sizeof(*call->u_wish));
+        memcpy(p->target_u + (i - 1) * p->nu, call->u_reference, p->nu * sizeof(*call->u_reference));
     }
 }
 
@@ -76,7 +76,7 @@ static int find_target(struct apc_mpc *p, const struct apc_mpc_call *call, size_
 {
     const struct apc_target_call of = {.unknown = call->x + p->nc,
                                        .d = call->d ? call->d + i * p->nd : NULL,
-                                       .wish = call->u_wish,
+                                       .reference = call->u_reference,
                                        .cost = call->u_cost,
                                        .low = p->low,
                                        .high = p->high,

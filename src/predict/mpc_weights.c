@@ -96,7 +96,7 @@ static int make_hessian(struct apc_mpc *p, struct apc_error *why)
         for (size_t j = 0; j < nu; j++) {
             const size_t k = block * nu + j;
 
-            p->H[k * n + k] += p->s[j] * (block + 1 < p->blocks ? 2.0 : 1.0) + wished(p, block, j);
+            p->H[k * n + k] += p->s[j] * (block + 1 < p->blocks ? 2.0 : 1.0) + reference_weight(p, block, j);
             if (block > 0)
                 p->H[k * n + k - nu] -= p->s[j];
         }

@@ -187,7 +187,8 @@ int apc_target_tune(struct apc_target *t, size_t sought, const double *r, const 
         t->largest = fmax(t->largest, r[j]);
         dearest = fmax(dearest, s[j]);
     }
-    for (size_t j = 0; j < nu; j++) { /* where setpoints leave u free, it stays near its wish all the same */
+    for (size_t j = 0; j < nu;
+         j++) { /* where setpoints leave u free, it stays near its reference all the same */
         const double share = dearest > 0.0 ? fmax(s[j] / dearest, LEAST_SHARE) : 1.0;
 
         t->weight[j] = fmax(r[j], (t->largest > 0.0 ? 1e-6 * t->largest : 1.0) * share);
@@ -226,8 +227,8 @@ static void origin(struct apc_target *t, const struct apc_target_call *call)
     }
 }
 
-/* How much more a distance from a setpoint is to count than one from a wish. Solving again, from where that
- * led, takes away what the wish has pulled. */
+/* How much more a distance from a setpoint is to count than one from a reference. Solving again, from where that
+ * led, takes away what the reference has pulled. */
 enum { AGAIN = 3 };
 /* What is allowed to a rank beyond what it has reached, over the size of y; where the ranks after it find
  * nothing there, more. */
@@ -237,13 +238,13 @@ enum { AGAIN = 3 };
 static double stress(const struct apc_target *t, const double *q)
 {
     const size_t nu = t->model->nu;
-    double wishes = 0.0, setpoints = 0.0;
+    double references = 0.0, setpoints = 0.0;
 
     for (size_t k = 0; k < nu; k++)
-        wishes += t->H[k * nu + k];
+        references += t->H[k * nu + k];
     for (size_t c = 0; c < t->model->ny; c++)
         setpoints += q[c] * apc_matrix_dot(t->rows + (nu + c) * nu, t->rows + (nu + c) * nu, nu);
-    return setpoints > 0.0 ? 1e4 * wishes / setpoints : 1.0;
+    return setpoints > 0.0 ? 1e4 * references / setpoints : 1.0;
 }
 
 /* The next solve begins from where the last one that had an answer led. */
@@ -337,7 +338,7 @@ int apc_target_find(struct apc_target *t, const struct apc_target_call *call, do
     memset(t->f, 0, nu * sizeof(*t->f));
     for (size_t j = 0; j < nu; j++) {
         double here = m->u0[j] + t->point[nc + j],
-               slope = t->weight[j] * (here - call->wish[j]) + (call->cost ? call->cost[j] : 0.0);
+               slope = t->weight[j] * (here - call->reference[j]) + (call->cost ? call->cost[j] : 0.0);
 
         for (size_t k = 0; k < nu; k++)
             t->f[k] += slope * t->rows[j * nu + k];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Steady states of a linear model, and the one that fits wishes and limits best. */
+/* Steady states of a linear model, and the one that fits references and limits best. */
 #ifndef APC_TARGET_H
 #define APC_TARGET_H
 
@@ -12,21 +12,21 @@ struct apc_target;
 int apc_target_create(struct apc_target **target, struct apc_linear *model, struct apc_error *why);
 void apc_target_destroy(struct apc_target *target); /* NULL is legal */
 
-/* How many outputs are to be at a setpoint; weights of each input's distance from its wish, and of its moves,
- * both >= 0 [nu]: where setpoints or limits leave inputs a choice and nothing is wished, the latter say what
+/* How many outputs are to be at a setpoint; weights of each input's distance from its reference, and of its moves,
+ * both >= 0 [nu]: where setpoints or limits leave inputs a choice and nothing is preferred, the latter say what
  * a unit of each is worth. Returns 0 or APC_EINVAL. [tick] */
 int apc_target_tune(struct apc_target *target, size_t sought, const double *r, const double *s,
                     struct apc_error *why);
 
 struct apc_target_call {
-    const double *unknown;        /* [nx - nx_plant - nx_held] */
-    const double *drift;          /* [nx_plant + nx_held] that x0 gains in a period; NULL: x0 is at rest */
-    const double *d;              /* [nd] */
-    const double *wish, *cost;    /* [nu]; cost NULL: none */
-    const double *low, *high;     /* [nu] */
-    const double *y_low, *y_high; /* [ny] to lie between; the same: to be there */
-    const double *q;              /* [ny] how much a distance from there counts */
-    const unsigned *rank;         /* [ny] */
+    const double *unknown;          /* [nx - nx_plant - nx_held] */
+    const double *drift;            /* [nx_plant + nx_held] that x0 gains in a period; NULL: x0 is at rest */
+    const double *d;                /* [nd] */
+    const double *reference, *cost; /* [nu]; cost NULL: none */
+    const double *low, *high;       /* [nu] */
+    const double *y_low, *y_high;   /* [ny] to lie between; the same: to be there */
+    const double *q;                /* [ny] how much a distance from there counts */
+    const unsigned *rank;           /* [ny] */
     unsigned ranks;
     /* Of a search: how many steps are left to it, which it counts down, and whether time is up; NULL: any */
     unsigned *left;

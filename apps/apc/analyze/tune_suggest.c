@@ -82,16 +82,16 @@ static int identify(struct suggesting *z, const struct identify_data *data, stru
 
 static int find_loop_models(struct suggesting *z, struct apc_error *why)
 {
-    struct identify_wish wish = {.from = -HUGE_VAL};
+    struct identify_selection selection = {.from = -HUGE_VAL};
     int rc;
 
     if (z->o->model)
         return suggest_read_model(z->o, z->model, why);
-    rc = identify_read(&z->data, z->o->run, &wish, why);
+    rc = identify_read(&z->data, z->o->run, &selection, why);
     if (rc < 0) { /* samples of a real plant come late */
         identify_data_free(&z->data);
-        wish.period = apc_ns_to_s(z->e.client.rhythm.period);
-        rc = identify_read(&z->data, z->o->run, &wish, why);
+        selection.period = apc_ns_to_s(z->e.client.rhythm.period);
+        rc = identify_read(&z->data, z->o->run, &selection, why);
     }
     if (rc == 0 && (rc = identify(z, &z->data, why)) < 0 && z->o->rule == SUGGEST_RELAY) {
         z->unmodelled = rc; /* what a relay has made of a loop needs none */

@@ -28,24 +28,24 @@ static void parse_names(const struct argp_state *state, char *arg, char **names,
 
 static void take_inputs_option(void *options, char *arg, const struct argp_state *state)
 {
-    struct identify_wish *wish = &((struct identify_options *)options)->wish;
-    if (wish->disturbances)
+    struct identify_selection *selection = &((struct identify_options *)options)->selection;
+    if (selection->disturbances)
         argp_error(state, "--inputs go before --disturbances");
-    parse_names(state, arg, wish->input, &wish->inputs);
+    parse_names(state, arg, selection->input, &selection->inputs);
 }
 
 static void take_disturbances_option(void *options, char *arg, const struct argp_state *state)
 {
-    struct identify_wish *wish = &((struct identify_options *)options)->wish;
-    const size_t before = wish->inputs;
-    parse_names(state, arg, wish->input, &wish->inputs);
-    wish->disturbances += wish->inputs - before;
+    struct identify_selection *selection = &((struct identify_options *)options)->selection;
+    const size_t before = selection->inputs;
+    parse_names(state, arg, selection->input, &selection->inputs);
+    selection->disturbances += selection->inputs - before;
 }
 
 static void take_outputs_option(void *options, char *arg, const struct argp_state *state)
 {
-    struct identify_wish *wish = &((struct identify_options *)options)->wish;
-    parse_names(state, arg, wish->output, &wish->outputs);
+    struct identify_selection *selection = &((struct identify_options *)options)->selection;
+    parse_names(state, arg, selection->output, &selection->outputs);
 }
 
 static void take_find_option(void *options, char *arg, const struct argp_state *state)
@@ -66,7 +66,7 @@ static void take_suggest_option(void *options, char *arg, const struct argp_stat
 static void check_identify_options(void *input, const struct argp_state *state)
 {
     const struct identify_options *own = input;
-    const struct identify_wish *wish = &own->wish;
+    const struct identify_selection *selection = &own->selection;
     if (own->order && own->kind != TRANSFER && own->kind != SUBSPACE)
         argp_error(state, "--order is that of --model transfer or --model subspace");
     if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
@@ -75,7 +75,7 @@ static void check_identify_options(void *input, const struct argp_state *state)
         argp_error(state, "--plant is that of --find");
     if (own->finds && (own->kind != KINDS || own->suggest || own->output || own->validate))
         argp_error(state, "--find finds parameters: no --model, --suggest, --output or --validate with it");
-    if (wish->disturbances && wish->disturbances == wish->inputs)
+    if (selection->disturbances && selection->disturbances == selection->inputs)
         argp_error(state, "--disturbances need --inputs beside them");
 }
 
@@ -89,7 +89,7 @@ static const struct option_spec own_options[] = {
     {"outputs", 0, "NAMES", "Outputs of the model; default, of a run folder: all measurements", OPTION_OWN,
      .take = take_outputs_option},
     {"period", 0, "S", "Time from sample to sample; default: that of the first output", OPTION_NUMBER,
-     AT(wish.period), .low = 1e-6, .high = 1e6},
+     AT(selection.period), .low = 1e-6, .high = 1e6},
     {"from", 0, "TIME",
      "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
      OPTION_TEXT, AT(from)},

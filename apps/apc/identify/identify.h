@@ -14,7 +14,7 @@
 #define IDENTIFY_RECORDS 32
 
 /* What is wanted of a file; n 0: of a run all outputs of its controllers, and all measurements. */
-struct identify_wish {
+struct identify_selection {
     char *input[IDENTIFY_SIGNALS], *output[IDENTIFY_SIGNALS];
     size_t inputs, disturbances, outputs; /* disturbances are the last of the inputs */
     double period;                        /* s; 0: that of the first output */
@@ -40,7 +40,7 @@ struct identify_data {
  * held until the next one, also where they are Bad; measurements that are not Good or Uncertain, or not
  * there, are missing. Returns 0 or a negative error with FILE in why; identify_data_free() in either case.
  */
-int identify_read(struct identify_data *data, const char *file, const struct identify_wish *wish,
+int identify_read(struct identify_data *data, const char *file, const struct identify_selection *selection,
                   struct apc_error *why);
 void identify_data_free(struct identify_data *data);
 
@@ -61,7 +61,7 @@ struct identify_model {
 enum identify_kind { TRANSFER, ARX, SUBSPACE, FIR, KINDS };
 
 struct identify_options {
-    struct identify_wish wish;
+    struct identify_selection selection;
     const char *from, *to, *validate, *output, *figure, *plant; /* plant: the experiment file that has it */
     char *find[IDENTIFY_SIGNALS]; /* parameters of the plant; finds 0: models are sought */
     size_t finds;

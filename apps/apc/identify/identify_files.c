@@ -94,7 +94,7 @@ static int name_columns(struct reading *r, struct table *t)
                           is_long(t->csv) ? "; it has a row for each sample: give the run's folder or store"
                                           : "");
     }
-    if (rc == 0 && t->time == NO_TIME && r->wish->period <= 0.0)
+    if (rc == 0 && t->time == NO_TIME && r->selection->period <= 0.0)
         rc = csv_refuse(
             t->csv, r->why,
             "there is no column \"time\", in s or as dates of ISO 8601; without one --period S says "
@@ -126,7 +126,7 @@ static int take_csv_time(struct reading *r, struct table *t, double *seconds)
     apc_ns date;
 
     if (t->time == NO_TIME) {
-        *seconds = (double)t->rows * r->wish->period;
+        *seconds = (double)t->rows * r->selection->period;
         return csv_passed(t->csv) == 0
                    ? 0
                    : csv_refuse(

@@ -72,7 +72,7 @@ static int find_sample_period(struct reading *r, const struct series *s, double 
     double *room = calloc(s->n + 1, sizeof *room), median;
     size_t near = 0;
 
-    *Ts = r->wish->period > 0.0 ? r->wish->period : r->period;
+    *Ts = r->selection->period > 0.0 ? r->selection->period : r->period;
     if (!room)
         return apc_fail(r->why, APC_ENOMEM, "out of memory");
     if (s->n < 3) {
@@ -206,8 +206,8 @@ static int sample(struct reading *r, struct identify_data *d)
     d->record = (struct apc_record){.size = sizeof d->record,
                                     .Ts = Ts,
                                     .n = (size_t)(fmax(periods, 0.0) + ALIKE) + 1,
-                                    .nu = r->inputs - r->wish->disturbances,
-                                    .nd = r->wish->disturbances,
+                                    .nu = r->inputs - r->selection->disturbances,
+                                    .nd = r->selection->disturbances,
                                     .ny = r->outputs};
     u = d->memory = calloc(d->record.n * (r->inputs + r->outputs), sizeof *u);
     if (!u)
@@ -239,7 +239,7 @@ static void close_reading(struct reading *r)
     free(r);
 }
 
-int identify_read(struct identify_data *data, const char *file, const struct identify_wish *wish,
+int identify_read(struct identify_data *data, const char *file, const struct identify_selection *selection,
                   struct apc_error *why)
 {
     struct reading *r = calloc(1, sizeof *r);
@@ -249,14 +249,14 @@ int identify_read(struct identify_data *data, const char *file, const struct ide
     if (!r)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     r->file = file;
-    r->wish = wish;
+    r->selection = selection;
     r->why = why;
-    r->inputs = wish->inputs;
-    r->outputs = wish->outputs;
-    for (size_t i = 0; i < wish->inputs; i++)
-        r->input[i].name = wish->input[i];
-    for (size_t i = 0; i < wish->outputs; i++)
-        r->output[i].name = wish->output[i];
+    r->inputs = selection->inputs;
+    r->outputs = selection->outputs;
+    for (size_t i = 0; i < selection->inputs; i++)
+        r->input[i].name = selection->input[i];
+    for (size_t i = 0; i < selection->outputs; i++)
+        r->output[i].name = selection->output[i];
     rc = store_is_uri(file) ? identify_read_store(r) : identify_read_files(r);
     if (rc == 0)
         rc = sample(r, data);

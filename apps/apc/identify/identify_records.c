@@ -29,18 +29,18 @@ static void cut_window(char *file, const char **from, const char **to)
 
 /* In seconds of a file or in time of a store. */
 static int take_record_window(const struct cli *cli, const char *file, const char *from, const char *to,
-                              struct identify_wish *wish)
+                              struct identify_selection *selection)
 {
-    wish->from = -HUGE_VAL;
-    wish->to = 0.0;
-    wish->since = wish->until = 0;
+    selection->from = -HUGE_VAL;
+    selection->to = 0.0;
+    selection->since = selection->until = 0;
     if (store_is_uri(file)) {
-        const int rc = cli_time(cli, "from", from, &wish->since);
-        return rc == EXIT_OK ? cli_time(cli, "to", to, &wish->until) : rc;
+        const int rc = cli_time(cli, "from", from, &selection->since);
+        return rc == EXIT_OK ? cli_time(cli, "to", to, &selection->until) : rc;
     }
-    if (from && apc_number_parse(from, &wish->from) < 0)
+    if (from && apc_number_parse(from, &selection->from) < 0)
         return cli_usage(cli, "--from \"%s\": must be in s, as the record's own times are", from);
-    if (to && (apc_number_parse(to, &wish->to) < 0 || !(wish->to > 0.0)))
+    if (to && (apc_number_parse(to, &selection->to) < 0 || !(selection->to > 0.0)))
         return cli_usage(cli, "--to \"%s\": must be in s, as the record's own times are, above 0", to);
     return EXIT_OK;
 }
@@ -90,13 +90,13 @@ static int compare_records(const char *a, const struct identify_data *one, const
 static int read_record(struct identification *z, size_t i, struct identify_data *data, struct apc_error *why)
 {
     const char *first = z->cli.args[0], *file = z->cli.args[i];
-    struct identify_wish wish = z->own.wish;
+    struct identify_selection selection = z->own.selection;
     double apart;
-    int rc = take_record_window(&z->cli, file, z->window[i].from, z->window[i].to, &wish);
+    int rc = take_record_window(&z->cli, file, z->window[i].from, z->window[i].to, &selection);
 
     if (rc != EXIT_OK)
         return rc;
-    rc = identify_read(&data[i], file, &wish, why);
+    rc = identify_read(&data[i], file, &selection, why);
     if (rc == 0 && i > 0)
         rc = compare_records(first, &data[0], file, &data[i], why);
     apart = rc == 0 ? fabs(data[i].record.Ts / data[0].record.Ts - 1.0) : 0.0;
@@ -108,8 +108,8 @@ static int read_record(struct identification *z, size_t i, struct identify_data 
             first, data[0].record.Ts, file, data[i].record.Ts);
     if (rc == 0 && apart > 0.0) {
         identify_data_free(&data[i]);
-        wish.period = data[0].record.Ts;
-        rc = identify_read(&data[i], file, &wish, why);
+        selection.period = data[0].record.Ts;
+        rc = identify_read(&data[i], file, &selection, why);
     }
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why->text) : EXIT_OK;
 }
@@ -177,7 +177,7 @@ static int read_joined(struct identification *z)
 
 int identify_read_all(struct identification *z)
 {
-    struct identify_wish wish = z->own.wish;
+    struct identify_selection selection = z->own.selection;
     struct apc_error why;
     int rc;
 
@@ -190,9 +190,9 @@ int identify_read_all(struct identification *z)
     rc = read_joined(z);
     if (rc != EXIT_OK || !z->own.validate)
         return rc;
-    take_record_window(&z->cli, "", NULL, NULL, &wish);
-    wish.period = z->data.record.Ts;
-    rc = identify_read(&z->other, z->own.validate, &wish, &why);
+    take_record_window(&z->cli, "", NULL, NULL, &selection);
+    selection.period = z->data.record.Ts;
+    rc = identify_read(&z->other, z->own.validate, &selection, &why);
     if (rc == 0)
         rc = compare_records(z->cli.args[0], &z->data, z->own.validate, &z->other, &why);
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;

@@ -16,11 +16,11 @@ static bool grow_series(double **at, size_t room)
 
 int series_add(struct reading *r, struct series *s, double t, double value)
 {
-    const struct identify_wish *wish = r->wish;
+    const struct identify_selection *selection = r->selection;
 
-    if (wish->to > 0.0 && t > wish->to)
+    if (selection->to > 0.0 && t > selection->to)
         return 0;
-    if (t < wish->from) { /* what is in force when the window begins */
+    if (t < selection->from) { /* what is in force when the window begins */
         if (s < r->input || s >= r->input + r->inputs || !isfinite(value))
             return 0;
         s->n = 0;

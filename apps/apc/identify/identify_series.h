@@ -17,7 +17,7 @@ struct series {
 
 struct reading {
     const char *file;
-    const struct identify_wish *wish;
+    const struct identify_selection *selection;
     struct series input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
     size_t inputs, outputs;
     double period; /* of the first output, s; 0: not said */
@@ -34,7 +34,7 @@ struct known {
     char name[APC_TAG_LEN], unit[APC_TAG_LEN];
     double period; /* s; 0: not said */
 };
-/* Which of them the wished-for signals are: of[i] goes with known[i], or is NULL. Without a wish inputs are
+/* Which of them the selected signals are: of[i] goes with known[i], or is NULL. Without a selection inputs are
  * all outputs of controllers, outputs all measurements. */
 int series_choose(struct reading *r, const struct known *known, size_t n, struct series **of);
 

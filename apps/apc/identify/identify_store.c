@@ -42,12 +42,12 @@ static int collect_stored_row(void *ctx, const struct apc_sample *row)
 static int read_series(struct reading *r, struct apc_store *store, const struct known *known, bool input,
                        struct collecting *c)
 {
-    const struct identify_wish *wish = r->wish;
-    const struct apc_range range = {.since = wish->since, .until = wish->until},
-                           before = {.until = wish->since, .last = 1};
+    const struct identify_selection *selection = r->selection;
+    const struct apc_range range = {.since = selection->since, .until = selection->until},
+                           before = {.until = selection->since, .last = 1};
     int rc = 0;
 
-    if (input && wish->since > 0) /* what is in force when the window begins */
+    if (input && selection->since > 0) /* what is in force when the window begins */
         rc = apc_store_history(store, known->table, known->id, &before, collect_stored_row, c);
     if (rc >= 0 && c->rc == 0)
         rc = apc_store_history(store, known->table, known->id, &range, collect_stored_row, c);
@@ -91,7 +91,7 @@ int identify_read_store(struct reading *r)
     struct apc_store *store = NULL;
     struct known *known = NULL;
     struct series **of = NULL;
-    apc_ns zero = r->wish->since;
+    apc_ns zero = r->selection->since;
     size_t n = 0;
     int rc = store_open(&store, r->file, &options, r->why);
 

@@ -66,7 +66,7 @@ struct scene {
     struct apc_linear *model;
     struct apc_mpc *mpc;
     double q[NY], s[NU], r[NU], zone[NY];
-    double x[NX_MOST], w[(N + 1) * NY], d[N + 1], u_last[NU], wish[NU], low[NU], high[NU], step[NU],
+    double x[NX_MOST], w[(N + 1) * NY], d[N + 1], u_last[NU], reference[NU], low[NU], high[NU], step[NU],
         y_low[NY], y_high[NY];
     bool given[NU];
     struct apc_mpc_call call;
@@ -99,12 +99,12 @@ static void begin(struct scene *s, const struct apc_mpc_options *options)
     for (size_t i = 0; i <= N; i++)
         memcpy(s->w + i * NY, s->model->y0, sizeof(double[NY]));
     memcpy(s->u_last, s->model->u0, sizeof s->u_last);
-    memcpy(s->wish, s->model->u0, sizeof s->wish);
+    memcpy(s->reference, s->model->u0, sizeof s->reference);
     s->call = (struct apc_mpc_call){.x = s->x,
                                     .w = s->w,
                                     .d = s->d,
                                     .u_last = s->u_last,
-                                    .u_wish = s->wish,
+                                    .u_reference = s->reference,
                                     .low = s->low,
                                     .high = s->high,
                                     .step = s->step,
@@ -206,7 +206,7 @@ static void without_limits_it_is_the_regulator_of_an_endless_horizon(void **stat
         for (size_t j = 0; j < NU; j++)
             s.u_last[j] = m->u0[j] + apc_random_normal(&random);
         set_point(&s, 20.0 + apc_random_normal(&random), 30.0 + apc_random_normal(&random));
-        memcpy(s.wish, s.u_last, sizeof s.wish);
+        memcpy(s.reference, s.u_last, sizeof s.reference);
         result = solve(&s, plan);
         assert_true(result.reachable);
         apc_mpc_target(s.mpc, N, target_y, target_u);
@@ -722,7 +722,7 @@ static void within_its_zone_y_moves_nothing(void **state)
     set_point(&s, 25.0, 29.5); /* 23 is near enough */
     for (int k = 0; k < 300; k++) {
         (void)solve(&s, plan);
-        memcpy(s.wish, plan, sizeof s.wish);
+        memcpy(s.reference, plan, sizeof s.reference);
         act(&s, plan);
     }
     measured(&s, y);

@@ -18,7 +18,7 @@ struct scene {
     struct apc_linear *linear;
     struct apc_target *target;
     struct apc_target_call call;
-    double x[NX_MOST], u[NU_MOST], y[NU_MOST], low[NU_MOST], high[NU_MOST], wish[NU_MOST], w[NU_MOST];
+    double x[NX_MOST], u[NU_MOST], y[NU_MOST], low[NU_MOST], high[NU_MOST], reference[NU_MOST], w[NU_MOST];
     bool reachable;
 };
 
@@ -42,12 +42,12 @@ static void begin(struct scene *s, const struct apc_model *model, double Ts, con
     s->model = model;
     memcpy(s->x, x, model->nx * sizeof *x);
     memcpy(s->u, u, model->nu * sizeof *u);
-    memcpy(s->wish, u, model->nu * sizeof *u);
+    memcpy(s->reference, u, model->nu * sizeof *u);
     for (size_t j = 0; j < model->nu; j++) {
         s->low[j] = model->input[j].low;
         s->high[j] = model->input[j].high;
     }
-    s->call = (struct apc_target_call){.wish = s->wish,
+    s->call = (struct apc_target_call){.reference = s->reference,
                                        .low = s->low,
                                        .high = s->high,
                                        .y_low = s->w,
@@ -286,7 +286,7 @@ static void ranges_however_narrow_have_a_steady_state_to_aim_at(void **state)
         struct apc_linear *model = draw(&random, apart);
         struct apc_target *target;
         struct apc_target_call call = {.unknown = at,
-                                       .wish = at,
+                                       .reference = at,
                                        .low = low,
                                        .high = high,
                                        .y_low = y_low,
