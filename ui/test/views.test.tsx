@@ -198,7 +198,7 @@ test("a bar begins at zero and marks its setpoint", async () => {
 });
 
 test("the header says who, what, whether there is a connection, and the server's time", async () => {
-  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC Past anna, engineer Log out Colours auto light dark Language English Deutsch \?$/);
+  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC ↺ anna, engineer Log out Colours auto light dark Language English Deutsch \?$/);
   assert.equal(document.title, "tanks – libapc");
   env.source.send("store", {connected: false, since: START, error: "it was stopped"});
   await settle();

@@ -39,7 +39,7 @@ export function pastByKey(event: KeyboardEvent): void {
 
 export function PastButton(): JSX.Element | null {
   const there = useCell(shownAt) != null;
-  return wall ? null : <button type="button" aria-pressed={there} title="p" onClick={there ? leavePast : enterPast}>{tr("past.button")}</button>;
+  return wall ? null : <button type="button" aria-pressed={there} aria-label={tr("past.button")} title={`${tr("past.button")} (p)`} onClick={there ? leavePast : enterPast}>↺</button>;
 }
 
 /** In place of a page of which there is no record. */
