@@ -85,7 +85,7 @@ test("each event that the server tells of has a sentence in German", () => {
   const told = toldBy();
   assert.ok(told.length > 150, String(told.length));
   const more = [["src/operate/operation.c", "change_words"], ["src/operate/operation.c", "operation_taken"], ["src/record/alarm_summary.c", "alarm_summary_words"], ["src/shareddata/history/failover.c", "mark_gap"],
-    ["src/modules/alarms.c", "refuse_ack"], ["src/modules/alarms.c", "refuse_shelf"], ["src/modules/alarms.c", "refusal_of_wish"], ["src/control/instance.c", "apc_instances_compute"], ["apps/apc-mqtt/main.c", "tell_refusals"], ["src/control/mpc.c", "reason_of_no_plan"]] as const;
+    ["src/modules/alarms.c", "refuse_ack"], ["src/modules/alarms.c", "refuse_shelf"], ["src/modules/alarms.c", "refusal_of_switch"], ["src/control/instance.c", "apc_instances_compute"], ["apps/apc-mqtt/main.c", "tell_refusals"], ["src/control/mpc.c", "reason_of_no_plan"]] as const;
   assert.deepEqual(missing([...told, ...more.flatMap(([name, of]) => strings(body(name, of)))]), []);
 });
 
