@@ -48,13 +48,15 @@ struct apc_model {
 APC_API extern const struct apc_model apc_model;
 
 /**
- * As apc_law_find(): a built-in model ("first-order"), the `apc_model` of a shared object, or an FMU for
- * co-simulation, FMI 2.0 or 3.0, by its path, which ends in .fmu. Such a model has no f and g that could be
+ * As apc_law_find(): a built-in model ("first-order"), the `apc_model` of a shared object, or an FMU, FMI 2.0
+ * or 3.0, for co-simulation or model exchange, by its path, which ends in .fmu. Such a model has no f and g that could be
  * asked: it can be a plant, and its states are its outputs; apc_model_equations() makes more of one that
  * shows more. Each plant of it is a process of its own. [setup]
  */
 APC_API int apc_model_find(const char *name, const struct apc_model **model, void **handle,
                            struct apc_error *why);
+/** What the inputs of an FMU that has none are called: as many as are asked for, which move nothing. */
+#define APC_MODEL_NO_INPUT "(none)"
 /**
  * Of an FMU, before plants are made of it: @p input [nu] are the names of those that are manipulated, the
  * other inputs are disturbances; @p output [ny] those that are measured. NULL takes the first ones. [setup]

@@ -146,6 +146,18 @@ static void read_model(struct reader *r, const char **a)
     d->name = keep_string(attribute(a, "modelName"));
     d->description = keep_string(attribute(a, "description"));
     d->token = keep_string(attribute(a, d->version == 2 ? "guid" : "instantiationToken"));
+    d->n_indicators = (size_t)number_of_attribute(attribute(a, "numberOfEventIndicators"), 0.0);
+}
+
+/* One for co-simulation as well has its own solver. */
+static void read_model_exchange(struct description *d, const char **a)
+{
+    d->model_exchange = true;
+    if (d->co_simulation)
+        return;
+    d->identifier = keep_string(attribute(a, "modelIdentifier"));
+    d->variable_step = true;
+    d->needs_tool = is_true(a, "needsExecutionTool");
 }
 
 static void read_co_simulation(struct description *d, const char **a)
@@ -337,6 +349,8 @@ static void begin_element(void *ctx, const char *element, const char **a)
         read_model(r, a);
     } else if (strcmp(element, "CoSimulation") == 0) {
         read_co_simulation(r->d, a);
+    } else if (strcmp(element, "ModelExchange") == 0) {
+        read_model_exchange(r->d, a);
     } else if (strcmp(element, "DefaultExperiment") == 0) {
         r->d->step = r->d->step > 0 ? r->d->step : number_of_attribute(attribute(a, "stepSize"), 0.0);
     } else if (strcmp(element, "ModelVariables") == 0) {
@@ -419,6 +433,7 @@ static void find_states(struct reader *r)
         d->derivative[n++] = copy_fmu_variable(&q->variable);
     }
     d->n[KIND_STATE] = n == wanted ? n : 0;
+    d->n_states = r->n_derivatives;
     for (size_t i = 0; i < r->n_quantities; i++)
         drop_fmu_variable(&r->quantity[i].variable);
     free(r->quantity);
@@ -435,15 +450,14 @@ static bool is_identifier(const char *text)
 
 static void check_description(const struct description *d)
 {
-    if (!d->co_simulation)
-        refuse_fmu("it is an FMU for model exchange, without a solver: export it for co-simulation");
+    if (!d->co_simulation && !d->model_exchange)
+        refuse_fmu("it is an FMU for neither co-simulation nor model exchange: export it for one of these");
     if (!is_identifier(d->identifier))
         refuse_fmu(
             "modelDescription.xml: \"%.40s\" is no modelIdentifier: letters, digits and _ are expected",
             d->identifier);
-    if (d->n[KIND_INPUT] == 0 || d->n[KIND_OUTPUT] == 0)
-        refuse_fmu("it has %zu inputs and %zu outputs that are numbers; a plant has one of each at least",
-                   d->n[KIND_INPUT], d->n[KIND_OUTPUT]);
+    if (d->n[KIND_OUTPUT] == 0)
+        refuse_fmu("it has no output that is a number; a plant has one at least");
 }
 
 void description_read(struct description *d, const char *text, size_t length)

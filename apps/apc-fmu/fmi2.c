@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* FMI 2.0, co-simulation: its functions, as far as a plant needs them. */
+/* FMI 2.0, co-simulation and model exchange: its functions, as far as a plant needs them. */
 #include "fmu.h"
 
-#include <dlfcn.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -17,6 +16,12 @@ struct callbacks {
     void (*release)(void *memory);
     void (*finished)(void *environment, int status);
     void *environment;
+};
+
+/* As the standard has it. */
+struct event_info {
+    int again, ends, nominals, states, comes;
+    double at;
 };
 
 static struct {
@@ -36,6 +41,8 @@ static struct {
     /* Of a step that it has discarded; NULL where it has none. */
     int (*real_status)(instance, int what, double *value);
     int (*boolean_status)(instance, int what, int *value);
+    int (*update)(instance, struct event_info *);
+    int (*completed)(instance, int no_way_back, int *event, int *ends);
 } call;
 static instance self;
 
@@ -58,33 +65,68 @@ static void fmi2_log(void *environment, const char *name, int status, const char
     va_end(arguments);
 }
 
-static const char *fmi2_load(void *library)
+static int fmi2_update(struct event *e)
 {
-    const struct {
-        const char *name;
-        void *at;
-    } needed[] = {{"fmi2Instantiate", &call.instantiate},
-                  {"fmi2SetupExperiment", &call.set_up},
-                  {"fmi2EnterInitializationMode", &call.enter},
-                  {"fmi2ExitInitializationMode", &call.leave},
-                  {"fmi2GetReal", &call.get_real},
-                  {"fmi2GetInteger", &call.get_integer},
-                  {"fmi2GetBoolean", &call.get_boolean},
-                  {"fmi2SetReal", &call.set_real},
-                  {"fmi2SetInteger", &call.set_integer},
-                  {"fmi2SetBoolean", &call.set_boolean},
-                  {"fmi2DoStep", &call.do_step},
-                  {"fmi2SetString", &call.set_string},
-                  {"fmi2GetRealStatus", &call.real_status},
-                  {"fmi2GetBooleanStatus", &call.boolean_status}};
+    struct event_info info = {0};
+    const int status = call.update(self, &info);
 
-    for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++) {
-        void *const address = dlsym(library, needed[i].name);
-        if (!address && i < sizeof needed / sizeof needed[0] - 3) /* the last ones may never be needed */
-            return needed[i].name;
-        memcpy(needed[i].at, &address, sizeof address);
-    }
-    return NULL;
+    *e = (struct event){.again = info.again != 0,
+                        .ends = info.ends != 0,
+                        .states = info.states != 0,
+                        .comes = info.comes != 0,
+                        .at = info.at};
+    return status;
+}
+
+static int fmi2_completed(bool *event, bool *ends)
+{
+    int enter = 0, terminate = 0;
+    const int status = call.completed(self, 1, &enter, &terminate);
+
+    *event = enter != 0;
+    *ends = terminate != 0;
+    return status;
+}
+
+static struct exchange exchange = {.update = fmi2_update, .completed = fmi2_completed};
+
+static const char *fmi2_load(void *library, const struct description *d)
+{
+    const struct entry_point all[] = {{"fmi2Instantiate", &call.instantiate},
+                                      {"fmi2SetupExperiment", &call.set_up},
+                                      {"fmi2EnterInitializationMode", &call.enter},
+                                      {"fmi2ExitInitializationMode", &call.leave},
+                                      {"fmi2GetReal", &call.get_real},
+                                      {"fmi2GetInteger", &call.get_integer},
+                                      {"fmi2GetBoolean", &call.get_boolean},
+                                      {"fmi2SetReal", &call.set_real},
+                                      {"fmi2SetInteger", &call.set_integer},
+                                      {"fmi2SetBoolean", &call.set_boolean},
+                                      {NULL, NULL}},
+                             steps[] = {{"fmi2DoStep", &call.do_step}, {NULL, NULL}},
+                             without_solver[] = {{"fmi2SetTime", &exchange.set_time},
+                                                 {"fmi2SetContinuousStates", &exchange.set_states},
+                                                 {"fmi2GetContinuousStates", &exchange.get_states},
+                                                 {"fmi2GetNominalsOfContinuousStates",
+                                                  &exchange.get_nominals},
+                                                 {"fmi2GetDerivatives", &exchange.get_derivatives},
+                                                 {"fmi2GetEventIndicators", &exchange.get_indicators},
+                                                 {"fmi2EnterEventMode", &exchange.enter_events},
+                                                 {"fmi2NewDiscreteStates", &call.update},
+                                                 {"fmi2EnterContinuousTimeMode", &exchange.enter_continuous},
+                                                 {"fmi2CompletedIntegratorStep", &call.completed},
+                                                 {NULL, NULL}},
+                             seldom[] = {{"fmi2SetString", &call.set_string},
+                                         {"fmi2GetRealStatus", &call.real_status},
+                                         {"fmi2GetBooleanStatus", &call.boolean_status},
+                                         {NULL, NULL}};
+    const char *missing = find_entry_points(library, all);
+
+    if (!missing)
+        missing = find_entry_points(library, d->co_simulation ? steps : without_solver);
+    for (size_t i = 0; seldom[i].name; i++)
+        (void)find_entry_points(library, (const struct entry_point[]){seldom[i], {NULL, NULL}});
+    return missing;
 }
 
 static bool fmi2_instantiate(const struct description *d, const char *folder)
@@ -93,7 +135,8 @@ static bool fmi2_instantiate(const struct description *d, const char *folder)
     char resources[600];
 
     snprintf(resources, sizeof resources, "file://%s/resources", folder);
-    self = call.instantiate(d->name, 1, d->token, resources, &callbacks, 0, 1);
+    self = call.instantiate(d->name, d->co_simulation, d->token, resources, &callbacks, 0, 1);
+    exchange.self = self;
     return self && status_well(call.set_up(self, 0, 0.0, 0.0, 0, 0.0), "fmi2SetupExperiment");
 }
 
@@ -182,4 +225,5 @@ const struct standard fmi2 = {.load = fmi2_load,
                               .set_text = fmi2_set_text,
                               .get = fmi2_get,
                               .get_float64 = fmi2_get_float64,
-                              .step = fmi2_step};
+                              .step = fmi2_step,
+                              .exchange = &exchange};

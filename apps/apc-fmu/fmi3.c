@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* FMI 3.0, co-simulation without event mode: its functions, as far as a plant needs them. */
+/* FMI 3.0, co-simulation without event mode and model exchange: its functions, as far as a plant needs them. */
 #include "fmu.h"
 
-#include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -35,6 +34,14 @@ static struct {
                    double *last);
     int (*set_string)(instance, const uint32_t *reference, size_t n, const char *const *value,
                       size_t n_values);
+    instance (*instantiate_exchange)(const char *name, const char *token, const char *resources, bool visible,
+                                     bool logging, void *environment,
+                                     void (*log)(void *environment, int status, const char *category,
+                                                 const char *message));
+    int (*n_states)(instance, size_t *n);
+    int (*n_indicators)(instance, size_t *n);
+    int (*update)(instance, bool *again, bool *ends, bool *nominals, bool *states, bool *comes, double *at);
+    int (*completed)(instance, bool no_way_back, bool *event, bool *ends);
 #define MEMBERS(TYPE, Name, c)                                                                               \
     int (*get_##Name)(instance, const uint32_t *reference, size_t n, c *value, size_t n_values);             \
     int (*set_##Name)(instance, const uint32_t *reference, size_t n, const c *value, size_t n_values);
@@ -49,27 +56,57 @@ static void fmi3_log(void *environment, int status, const char *category, const 
         fprintf(stderr, "%s: %s\n", category ? category : "", message ? message : "");
 }
 
-static const char *fmi3_load(void *library)
+static int fmi3_sizes(size_t *n_states, size_t *n_indicators)
 {
-    const struct {
-        const char *name;
-        void *at;
-    } needed[] = {{"fmi3InstantiateCoSimulation", &call.instantiate},
-                  {"fmi3EnterInitializationMode", &call.enter},
-                  {"fmi3ExitInitializationMode", &call.leave},
-                  {"fmi3DoStep", &call.do_step},
-#define SYMBOLS(TYPE, Name, c) {"fmi3Get" #Name, &call.get_##Name}, {"fmi3Set" #Name, &call.set_##Name},
-                  TYPES(SYMBOLS)};
+    const int status = call.n_states(self, n_states);
+    return status > STATUS_WARNING ? status : call.n_indicators(self, n_indicators);
+}
 
-    for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++) {
-        void *const address = dlsym(library, needed[i].name);
-        if (!address)
-            return needed[i].name;
-        memcpy(needed[i].at, &address, sizeof address);
-    }
-    void *const address = dlsym(library, "fmi3SetString"); /* that may never be needed */
-    memcpy(&call.set_string, &address, sizeof address);
-    return NULL;
+static int fmi3_update(struct event *e)
+{
+    bool nominals = false;
+    return call.update(self, &e->again, &e->ends, &nominals, &e->states, &e->comes, &e->at);
+}
+
+static int fmi3_completed(bool *event, bool *ends)
+{
+    return call.completed(self, true, event, ends);
+}
+
+static struct exchange exchange = {.sizes = fmi3_sizes, .update = fmi3_update, .completed = fmi3_completed};
+
+static const char *fmi3_load(void *library, const struct description *d)
+{
+    const struct entry_point all[] = {{"fmi3EnterInitializationMode", &call.enter},
+                                      {"fmi3ExitInitializationMode", &call.leave},
+#define SYMBOLS(TYPE, Name, c) {"fmi3Get" #Name, &call.get_##Name}, {"fmi3Set" #Name, &call.set_##Name},
+                                      TYPES(SYMBOLS){NULL, NULL}},
+                             steps[] = {{"fmi3InstantiateCoSimulation", &call.instantiate},
+                                        {"fmi3DoStep", &call.do_step},
+                                        {NULL, NULL}},
+                             without_solver[] = {{"fmi3InstantiateModelExchange", &call.instantiate_exchange},
+                                                 {"fmi3GetNumberOfContinuousStates", &call.n_states},
+                                                 {"fmi3GetNumberOfEventIndicators", &call.n_indicators},
+                                                 {"fmi3SetTime", &exchange.set_time},
+                                                 {"fmi3SetContinuousStates", &exchange.set_states},
+                                                 {"fmi3GetContinuousStates", &exchange.get_states},
+                                                 {"fmi3GetNominalsOfContinuousStates",
+                                                  &exchange.get_nominals},
+                                                 {"fmi3GetContinuousStateDerivatives",
+                                                  &exchange.get_derivatives},
+                                                 {"fmi3GetEventIndicators", &exchange.get_indicators},
+                                                 {"fmi3EnterEventMode", &exchange.enter_events},
+                                                 {"fmi3UpdateDiscreteStates", &call.update},
+                                                 {"fmi3EnterContinuousTimeMode", &exchange.enter_continuous},
+                                                 {"fmi3CompletedIntegratorStep", &call.completed},
+                                                 {NULL, NULL}},
+                             seldom[] = {{"fmi3SetString", &call.set_string}, {NULL, NULL}};
+    const char *missing = find_entry_points(library, all);
+
+    if (!missing)
+        missing = find_entry_points(library, d->co_simulation ? steps : without_solver);
+    (void)find_entry_points(library, seldom);
+    return missing;
 }
 
 static bool fmi3_instantiate(const struct description *d, const char *folder)
@@ -77,8 +114,11 @@ static bool fmi3_instantiate(const struct description *d, const char *folder)
     char resources[600];
 
     snprintf(resources, sizeof resources, "%s/resources/", folder);
-    self = call.instantiate(d->name, d->token, resources, false, true, false, false, NULL, 0, NULL, fmi3_log,
-                            NULL);
+    self = d->co_simulation
+               ? call.instantiate(d->name, d->token, resources, false, true, false, false, NULL, 0, NULL,
+                                  fmi3_log, NULL)
+               : call.instantiate_exchange(d->name, d->token, resources, false, true, NULL, fmi3_log);
+    exchange.self = self;
     return self != NULL;
 }
 
@@ -163,4 +203,5 @@ const struct standard fmi3 = {.load = fmi3_load,
                               .set_text = fmi3_set_text,
                               .get = fmi3_get,
                               .get_float64 = fmi3_get_float64,
-                              .step = fmi3_step};
+                              .step = fmi3_step,
+                              .exchange = &exchange};

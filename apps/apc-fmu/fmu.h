@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc-fmu: an FMU (a model by the standard of fmi-standard.org, 2.0 or 3.0, for co-simulation) in a process
- * of its own. src/plant/fmu.c and fmu_plant.c start it and speak with it; apps/apc-fmu/main.c says how.
+ * apc-fmu: an FMU (a model by the standard of fmi-standard.org, 2.0 or 3.0, for co-simulation or model exchange)
+ * in a process of its own. src/plant/fmu.c and fmu_plant.c start it and speak with it; apps/apc-fmu/main.c says how.
  */
 #ifndef APC_FMU_FMU_H
 #define APC_FMU_FMU_H
@@ -77,11 +77,13 @@ struct variable {
 struct description {
     unsigned version; /* 2 or 3 */
     char *name, *description, *token, *identifier;
-    bool co_simulation, variable_step, needs_tool;
+    bool co_simulation, model_exchange; /* where it is both, it is run as the former */
+    bool variable_step, needs_tool;
     double step; /* where it is not variable; 0: it says none, and any that stays the same will do */
     struct variable *of[N_KINDS];
     size_t n[N_KINDS];
-    struct variable *derivative; /* of each state */
+    struct variable *derivative;   /* of each state */
+    size_t n_states, n_indicators; /* of model exchange, shown or not; of version 3 the model itself says */
 };
 
 void description_read(struct description *d, const char *text, size_t length);
@@ -96,10 +98,42 @@ bool status_well(int status, const char *what);
 /* It has come to its end, or had an error: another process is needed. */
 extern bool fmu_spent;
 
+/* A function of the standard's, and where its address goes. */
+struct entry_point {
+    const char *name;
+    void *at;
+};
+/* Find those up to the one without a name: NULL, or the name of the first that @p library has not. */
+const char *find_entry_points(void *library, const struct entry_point *wanted);
+
+/* What an event has changed. */
+struct event {
+    bool again, ends, states; /* iterate once more, the model has come to its end, its states have jumped */
+    bool comes;               /* the next one, at @c at */
+    double at;
+};
+
+/* A model without a solver: functions of its library, which both versions have alike, and those that differ. All return
+ * a status. */
+struct exchange {
+    void *self;
+    int (*set_time)(void *self, double t);
+    int (*set_states)(void *self, const double *x, size_t n);
+    int (*get_states)(void *self, double *x, size_t n);
+    int (*get_nominals)(void *self, double *x, size_t n);
+    int (*get_derivatives)(void *self, double *dx, size_t n);
+    int (*get_indicators)(void *self, double *z, size_t n);
+    int (*enter_events)(void *self);
+    int (*enter_continuous)(void *self);
+    int (*sizes)(size_t *n_states, size_t *n_indicators); /* NULL: the description says them */
+    int (*update)(struct event *e);
+    int (*completed)(bool *event, bool *ends); /* a step of the solver */
+};
+
 /* A version of the standard. What fails returns false; why was printed. */
 struct standard {
-    /* Find all functions in @p library: NULL, or the name of the one that is missing. */
-    const char *(*load)(void *library);
+    /* Find all functions in @p library that this kind of FMU needs: NULL, or the name of one that is missing. */
+    const char *(*load)(void *library, const struct description *d);
     bool (*instantiate)(const struct description *d, const char *folder);
     bool (*enter)(void); /* initialisation */
     bool (*leave)(void);
@@ -110,8 +144,20 @@ struct standard {
     bool (*get_float64)(const uint32_t *reference, size_t n, double *value);
     /* *reached: how far it came, also where it failed. */
     bool (*step)(double t, double h, double *reached);
+    struct exchange *exchange;
 };
 
 extern const struct standard fmi2, fmi3;
+
+/* ---- Model exchange: the solver -------------------------------------------------------------- */
+
+struct solver;
+
+/* From its start on, after the initialisation; NULL: it failed, and why was printed. Freed with the process. */
+struct solver *solver_begin(const struct standard *fmi, const struct description *d);
+/* Its inputs are about to jump: that is an event. */
+bool solver_announce(struct solver *s);
+/* On to @p end; *reached as in struct standard. */
+bool solver_step(struct solver *s, double end, double *reached);
 
 #endif

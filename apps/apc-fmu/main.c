@@ -184,6 +184,7 @@ static int keep_fmu(const char *file)
 struct run {
     struct description d;
     const struct standard *fmi;
+    struct solver *solver; /* of model exchange, else NULL */
     const struct variable **u, **y;
     size_t nu, ny;
     double *given;       /* to the inputs */
@@ -244,6 +245,17 @@ static void preload(void)
         refuse_fmu("APC_FMU_PRELOAD: %s", dlerror());
 }
 
+const char *find_entry_points(void *library, const struct entry_point *wanted)
+{
+    for (; wanted->name; wanted++) {
+        void *const address = dlsym(library, wanted->name);
+        if (!address)
+            return wanted->name;
+        memcpy(wanted->at, &address, sizeof address);
+    }
+    return NULL;
+}
+
 static void load_fmu(struct run *r, const char *folder)
 {
     char path[600], within[300];
@@ -261,7 +273,7 @@ static void load_fmu(struct run *r, const char *folder)
                        : "");
     }
     r->fmi = r->d.version == 2 ? &fmi2 : &fmi3;
-    const char *const missing = r->fmi->load(library);
+    const char *const missing = r->fmi->load(library, &r->d);
     if (missing)
         refuse_fmu("its library does not export %s, which FMI %u.0 demands", missing, r->d.version);
 }
@@ -303,7 +315,7 @@ static bool set_fmu_inputs(const struct run *r, const double *u)
 {
     for (size_t i = 0; i < r->nu; i++)
         if (u[i] != r->given[i]) {
-            if (!r->fmi->set(r->u[i], u[i]))
+            if ((r->solver && !solver_announce(r->solver)) || !r->fmi->set(r->u[i], u[i]))
                 return false;
             r->given[i] = u[i];
         }
@@ -358,7 +370,11 @@ static bool begin_fmu(struct run *r, const char *folder, bool look, const double
             return false;
     if (!set_texts(r, in, (size_t)(end - in), texts))
         return false;
-    return r->fmi->enter() && (look || r->fmi->leave()) && outputs(r, y);
+    if (!r->fmi->enter() || (!look && !r->fmi->leave()))
+        return false;
+    if (!look && !r->d.co_simulation && !(r->solver = solver_begin(r->fmi, &r->d)))
+        return false;
+    return outputs(r, y);
 }
 
 static bool set_back(const struct run *r, const struct variable *v, double value)
@@ -444,7 +460,7 @@ static bool step_fmu(struct run *r, const double *in, size_t n, double *y)
         return false;
     if (r->d.variable_step && r->time < to - sliver) {
         const double h = r->time > t + sliver || r->time < t - sliver ? to - r->time : dt;
-        if (!r->fmi->step(r->time, h, &r->time))
+        if (!(r->solver ? solver_step(r->solver, to, &r->time) : r->fmi->step(r->time, h, &r->time)))
             return false;
         r->time = to;
     }

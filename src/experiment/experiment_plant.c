@@ -185,8 +185,7 @@ void experiment_read_actuators(struct settings *s, const config_setting_t *list,
     }
 }
 
-/* ---- Variables of an FMU or a plant in Python
- * -------------------------------------------------------------------- */
+/* ---- Variables of an FMU or a plant in Python ------------------------------------------------------ */
 
 /* Those that the file names, else those that have the signals' names. */
 static void take_signal_names(struct settings *s, const config_setting_t *list, const char *what,
@@ -237,15 +236,18 @@ static void compare_ranges(struct settings *s, const config_setting_t *group, co
 void experiment_choose_variables(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
     const bool own = e->plant.plugin.chosen; /* the file's names are of another model */
+    const config_setting_t *const inputs = own ? NULL : config_setting_get_member(group, "inputs");
     const char **const input = zeros(s, e->dim.nu + e->dim.ny, sizeof *input),
                        **const output = input + e->dim.nu;
     struct apc_error why;
     if (!s->failed)
-        take_signal_names(s, own ? NULL : config_setting_get_member(group, "inputs"), "inputs", e->u,
-                          e->dim.nu, input);
+        take_signal_names(s, inputs, "inputs", e->u, e->dim.nu, input);
     if (!s->failed)
         take_signal_names(s, own ? NULL : config_setting_get_member(group, "outputs"), "outputs", e->y,
                           e->dim.ny, output);
+    if (!s->failed && inputs && strcmp(e->plant.model->input[0].name, APC_MODEL_NO_INPUT) == 0)
+        settings_fail(s, inputs,
+                      "the model has no inputs: leave \"inputs\" out, and the outputs move nothing");
     if (!s->failed && apc_model_choose(e->plant.model, input, e->dim.nu, output, e->dim.ny, &why) < 0)
         settings_fail(s, group, "%s (in the file: \"inputs\" and \"outputs\" of the plant)", why.text);
     if (!s->failed)

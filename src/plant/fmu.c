@@ -296,7 +296,7 @@ int apc_fmu_open(const char *file, const struct apc_model **model, void **handle
                                       .output = f->output,
                                       .f = undefined,
                                       .g = outputs_are_states};
-        rc = apc_model_choose(&f->model, NULL, f->n[INPUT], NULL, f->n[OUTPUT], why);
+        rc = apc_model_choose(&f->model, NULL, f->n[INPUT] ? f->n[INPUT] : 1, NULL, f->n[OUTPUT], why);
     }
     if (rc == 0)
         rc = apc_model_check(&f->model, file, why);

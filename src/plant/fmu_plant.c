@@ -123,6 +123,12 @@ static size_t pack_fmu_strings(const struct fmu *f, double *at)
     return n;
 }
 
+/* How many it has that were chosen. */
+static size_t n_fmu_inputs(const struct fmu *f)
+{
+    return f->n[INPUT] ? f->model.nu + f->model.nd : 0;
+}
+
 /* What it is to begin with: parameters that are other than its own. */
 static bool write_begin(struct runner *r, double period)
 {
@@ -138,11 +144,11 @@ static bool write_begin(struct runner *r, double period)
         return false;
     r->begin->request = FMU_BEGIN;
     double *const numbers = (double *)(void *)(r->begin + 1);
-    numbers[0] = (double)(m->nu + m->nd);
+    numbers[0] = (double)n_fmu_inputs(f);
     numbers[1] = (double)m->ny;
     numbers[4] = period;
     at = numbers + 5;
-    for (size_t i = 0; i < m->nu + m->nd; i++)
+    for (size_t i = 0; i < n_fmu_inputs(f); i++)
         *at++ = (double)f->input_place[i];
     for (size_t i = 0; i < m->ny; i++)
         *at++ = (double)f->output_place[i];
@@ -273,6 +279,7 @@ static int request_fmu_step(struct runner *r, double t, double dt, const double 
                             struct apc_error *why)
 {
     const struct apc_model *const m = &r->fmu->model;
+    const size_t n_in = n_fmu_inputs(r->fmu);
     struct fmu_header header = {.request = FMU_STEP};
     const int rc = be_ready(r, why);
 
@@ -285,9 +292,9 @@ static int request_fmu_step(struct runner *r, double t, double dt, const double 
     memcpy(r->request, &header, sizeof(header));
     r->request[HEADER] = t - r->offset;
     r->request[HEADER + 1] = dt;
-    memcpy(r->request + HEADER + 2, u, (m->nu + m->nd) * sizeof(*u));
+    memcpy(r->request + HEADER + 2, u, n_in * sizeof(*u));
     r->own.since = apc_clock_mono(NULL);
-    if (!apc_subprocess_give(&r->own, r->request, (HEADER + 2 + m->nu + m->nd) * sizeof(double)))
+    if (!apc_subprocess_give(&r->own, r->request, (HEADER + 2 + n_in) * sizeof(double)))
         return apc_fmu_fail_silent(&r->own, 0, why);
     const ssize_t n =
         apc_subprocess_take(&r->own, r->answer, (HEADER + m->ny) * sizeof(double) + APC_FMU_TEXT,
@@ -439,7 +446,7 @@ int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u,
     struct runner *const r = (struct runner *)(void *)look;
     const struct apc_model *const m = &r->fmu->shown;
     const struct fmu_header header = {.request = FMU_POINT, .number = ++r->asked};
-    const size_t n_in = m->nu + m->nd;
+    const size_t n_in = n_fmu_inputs(r->fmu);
     int rc;
 
     memcpy(r->request, &header, sizeof(header));

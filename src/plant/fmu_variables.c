@@ -66,6 +66,23 @@ static int arrange_fmu_variables(struct fmu *f, enum table k, const char *const 
     return 0;
 }
 
+/* One that takes nothing is commanded all the same, and goes its own way. */
+static int stand_in(struct fmu *f, size_t nu, struct apc_error *why)
+{
+    struct apc_param *const more = realloc(f->input, (nu + 1) * sizeof(*more));
+
+    if (!more)
+        return apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+    f->model.input = f->input = more;
+    for (size_t i = 0; i < nu; i++)
+        more[i] = (struct apc_param){.name = APC_MODEL_NO_INPUT,
+                                     .unit = "",
+                                     .description = "the FMU has no input: this moves nothing",
+                                     .low = -APC_VALUE_MAX,
+                                     .high = APC_VALUE_MAX};
+    return 0;
+}
+
 int apc_model_choose(const struct apc_model *model, const char *const *input, size_t nu,
                      const char *const *output, size_t ny, struct apc_error *why)
 {
@@ -77,10 +94,11 @@ int apc_model_choose(const struct apc_model *model, const char *const *input, si
                         "%s: its inputs and outputs have their order; an FMU's, or those of a plant in "
                         "Python, are chosen by name",
                         model->name);
-    if (nu > f->n[INPUT] || ny > f->n[OUTPUT] || !nu || !ny)
+    if ((f->n[INPUT] && nu > f->n[INPUT]) || ny > f->n[OUTPUT] || !nu || !ny)
         return apc_fail(why, APC_EINVAL, "%s has %zu inputs and %zu outputs; %zu and %zu are wanted", f->file,
                         f->n[INPUT], f->n[OUTPUT], nu, ny);
-    rc = arrange_fmu_variables(f, INPUT, input, nu, f->input_place, f->input, why);
+    rc = f->n[INPUT] ? arrange_fmu_variables(f, INPUT, input, nu, f->input_place, f->input, why)
+                     : stand_in(f, nu, why);
     if (rc == 0)
         rc = arrange_fmu_variables(f, OUTPUT, output, ny, f->output_place, f->output, why);
     if (rc < 0)
@@ -91,7 +109,7 @@ int apc_model_choose(const struct apc_model *model, const char *const *input, si
         f->output[i].high = APC_VALUE_MAX;
     }
     f->model.nu = nu;
-    f->model.nd = f->n[INPUT] - nu;
+    f->model.nd = f->n[INPUT] ? f->n[INPUT] - nu : 0;
     f->model.ny = f->model.nx = ny;
     f->model.disturbance = f->input + nu;
     return 0;

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pack tank.c's library as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
+"""Pack the library of tank.c or ball.c as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
+   model=ball, inputs=none (of the ball),
    names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
    kinds=all (parameters of each kind), input=TYPE (of u, of its own limits where it is typed),
    starts=none (of parameters, inputs and states), starts=inf (of K),
@@ -11,12 +12,22 @@ import zipfile
 version, library, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
 how = dict(one.split("=", 1) for one in sys.argv[4:])
 kind = how.get("kind", "CoSimulation")
+model = how.get("model", "tank")
 variable = "false" if "fixed" in how else "true"
 step = f' stepSize="{how["fixed"]}"' if how.get("fixed") else ""
 about = [  # name, reference, causality, unit, start, more
     ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
     ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
     ("trick", 5, "parameter", None, 0, ' min="0" max="20"')]
+if model == "ball":
+    kind = how.get("kind", "ModelExchange")
+    about = [
+        ("h", 0, "output", "m", 1.0, ""), ("v", 1, "output", "m/s", 0.0, ""), ("der(h)", 2, "local", "", None, ' derivative="{h}"'),
+        ("der(v)", 3, "local", "", None, ' derivative="{v}"'), ("push", 4, "input", "m/s2", 0.0, ""), ("count", 5, "output", "", None, ""),
+        ("bounces", 6, "output", "", None, ""), ("g", 7, "parameter", "m/s2", -9.81, ""), ("e", 8, "parameter", "", 0.7, ""),
+        ("trick", 9, "parameter", None, 0, ""), ("wind", 10, "input", "m/s2", 0.0, "")]
+    for_state = {"h": 1, "v": 2} if version == 2 else {"h": 0, "v": 1}
+    about = [(*one[:5], one[5].format(**for_state)) for one in about if one[2] != "input" or how.get("inputs") != "none"]
 if how.get("starts") == "none":
     about = [(*one[:4], None, one[5]) for one in about]
 elif how.get("starts") == "inf":
@@ -34,10 +45,13 @@ if states:
     about.append(("der(y)", 7 if states == "stuck_slope" else 6, "local", "", None, f' derivative="{of}"'))
     structure = f'<Derivatives><Unknown index="{len(about)}"/></Derivatives>' if version == 2 else \
         f'<ContinuousStateDerivative valueReference="{about[-1][1]}"/>'
+if model == "ball":
+    structure = '<Derivatives><Unknown index="3"/><Unknown index="4"/></Derivatives>' if version == 2 else \
+        "".join(f'<ContinuousStateDerivative valueReference="{i}"/>' for i in (2, 3)) + '<EventIndicator valueReference="0"/>'
 
 
 def variable_of(name, reference, causality, unit, start, more):
-    common = f'name="{name}" valueReference="{reference}" description="{name} of the tank" causality="{causality}"'
+    common = f'name="{name}" valueReference="{reference}" description="{name} of the {model}" causality="{causality}"'
     if causality == "parameter":
         common += ' variability="fixed"'
     value = "" if start is None else f' start="{start}"'
@@ -73,17 +87,20 @@ if how.get("kinds"):
 items = '<Item name="Off" value="1"/><Item name="Normal" value="2"/><Item name="Fast" value="4"/>'
 types = f'<SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType><SimpleType name="Valve"><Real min="0" max="1"/></SimpleType>' \
     if version == 2 else f'<EnumerationType name="Mode">{items}</EnumerationType><Float64Type name="Valve" min="0" max="1"/>'
+shown = [i for i, one in enumerate(about) if one[2] == "output"]
+outputs = "<Outputs>" + "".join(f'<Unknown index="{i + 1}"/>' for i in shown) + "</Outputs>" if version == 2 else \
+    "".join(f'<Output valueReference="{about[i][1]}"/>' for i in shown)
 token = "guid" if version == 2 else "instantiationToken"
 xml = f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="tank" {token}="{how.get("token", "{tank}")}"
-                     description="a tank with an inflow">
-  <{kind} modelIdentifier="tank" canHandleVariableCommunicationStepSize="{variable}" needsExecutionTool="{how.get("tool", "false")}"/>
+<fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="{model}" {token}="{how.get("token", "{" + model + "}")}"
+                     description="a tank with an inflow"{' numberOfEventIndicators="1"' if version == 2 and model == "ball" else ""}>
+  <{kind} modelIdentifier="{model}" {f'canHandleVariableCommunicationStepSize="{variable}" ' if kind == "CoSimulation" else ""}needsExecutionTool="{how.get("tool", "false")}"/>
   <TypeDefinitions>{types}</TypeDefinitions>
   <DefaultExperiment startTime="0"{step}/>
   <ModelVariables>
     {"".join(variable_of(*one) for one in about)}{kinds}
   </ModelVariables>
-  <ModelStructure>{'<Outputs><Unknown index="3"/></Outputs>' if version == 2 else '<Output valueReference="2"/>'}{structure}</ModelStructure>
+  <ModelStructure>{outputs}{structure}</ModelStructure>
 </fmiModelDescription>
 """
 if "xml" in how:
@@ -91,7 +108,7 @@ if "xml" in how:
 with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
     if xml:
         archive.writestr("modelDescription.xml", xml)
-    archive.write(library, f'binaries/{how.get("platform", "linux64" if version == 2 else "x86_64-linux")}/tank.so')
+    archive.write(library, f'binaries/{how.get("platform", "linux64" if version == 2 else "x86_64-linux")}/{model}.so')
     archive.writestr("resources/note.txt", "a tank\n")
     if "entry" in how:
         archive.writestr(how["entry"], "mine\n")

@@ -272,7 +272,7 @@ refused '.*binaries/x86_64-linux/tank.so, which this machine needs; there is: li
 refused '.*made for FMI 1.0; 2.0 and 3.0 can be run' 2 fmi=1.0
 refused '.*made for FMI 4.0; ' 3 fmi=4.0
 refused '.*made for FMI 1 x; ' 2 'fmi=1&#10;x' # a sentence stays on its line
-refused 'it is an FMU for model exchange' 2 kind=ModelExchange
+refused 'it is an FMU for neither co-simulation nor model exchange' 3 kind=ScheduledExecution
 echo '<fmiModelDescription fmiVersion="2.0"' >"$work/bad.xml"
 refused 'modelDescription.xml, line [0-9]+: ' 2 xml="$work/bad.xml"
 printf '<?xml version="1.0"?>\n<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">]>\n<fmiModelDescription fmiVersion="2.0"/>\n' >"$work/bad.xml"

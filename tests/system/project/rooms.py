@@ -38,7 +38,7 @@ def objects(build):
     for entry in json.load(open(os.path.join(build, "compile_commands.json"), encoding="utf-8")):
         found = re.search(r" -o ((?:src|apps)/CMakeFiles/([^/ ]+)\.dir/(\S+\.c)\.o)", entry["command"])
         if found:
-            yield os.path.join(build, found[1]), found[3], found[2]
+            yield os.path.join(build, found[1]), found[3].removeprefix("__/src/"), found[2]
 
 
 def symbols(files):
