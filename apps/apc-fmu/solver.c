@@ -234,7 +234,7 @@ static double sliver(const struct solver *s, double end)
 }
 
 /* To the next event or @p end, whichever comes first, or as far as CVODE goes in one step. */
-static bool go_on(struct solver *s, double end, bool *event)
+static bool to_next_event(struct solver *s, double end, bool *event)
 {
     const bool comes = s->event.comes && s->event.at <= end + sliver(s, end);
     const double to = comes ? fmax(s->event.at, s->t) : end;
@@ -258,7 +258,7 @@ bool solver_step(struct solver *s, double end, double *reached)
 
     while (well && (s->t < end || (s->event.comes && s->event.at <= s->t))) {
         bool event;
-        well = go_on(s, end, &event);
+        well = to_next_event(s, end, &event);
         if (well && event)
             well = solver_announce(s) && settle(s);
         events += event;
