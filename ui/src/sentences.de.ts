@@ -244,6 +244,7 @@ export const sentences: Record<string, string> = {
   "the wall clock stepped by {=} s; periods are not affected": "die Uhrzeit sprang um {1} s; Perioden sind nicht betroffen",
   "{=} ticks or more missed in a row": "{1} oder mehr Takte nacheinander ausgelassen",
   "ticks are on time again": "die Takte sind wieder pünktlich",
+  "1 tick missed in the last {=} s": "1 Takt in den letzten {1} s ausgelassen",
   "{=} tick{s} missed in the last {=} s": "{1} Takte in den letzten {2} s ausgelassen",
   "the tick does not return ({=} missed so far): ended without it": "der Takt kehrt nicht zurück ({1} bisher ausgelassen): ohne ihn beendet",
   "the run failed: {}": "der Lauf ist gescheitert: {1}",

@@ -3,11 +3,11 @@
 import type {JSX} from "preact";
 import {useState} from "preact/hooks";
 import {Cell} from "./core/cell";
-import {clock, fromUntil, number, span as spanText} from "./core/format";
+import {clock, effectText, fromUntil, number, span as spanText} from "./core/format";
 import {plant, shownAt} from "./core/model";
 import {known, said, tr} from "./core/texts";
 import type {Cause, Loop, Plant, Unexplained, Why} from "./core/types";
-import {decimalsOfOutput, effectText, explain, limitOf, type Part, part, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
+import {decimalsOfOutput, explain, limitOf, type Part, part, type Question, shareText, SPANS, spanOf, stateWord, termsText, told} from "./core/why";
 import {Dialog} from "./dialog";
 import {Tag} from "./parts/tag";
 import {place} from "./router";

@@ -7,7 +7,7 @@ import {acknowledgement, type Alarm, bandsOf, bySignal, counted, countsText, fou
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {folded, hole, matches, merge} from "../src/core/eventlist";
-import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromUntil, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, ticks, written} from "../src/core/format";
+import {chooseZone, clock, complaint, csv, decimalsOf, duration, effectText, exact, fromUntil, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, ticks, written} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
@@ -326,16 +326,22 @@ test("a gap reaches from point to point, whatever times other curves have", () =
   assert.deepEqual(none?.slice(1, 8), new Array(7).fill(undefined));
 });
 
-test("what somebody has written is told with its own digits where they are no more than those of its signal, else as these are", () => {
+test("what somebody has written is told with its own digits where they are no more than those of its signal, what was entered with six at most, else as these are", () => {
   assert.deepEqual([5.016316439148914, 6.499999999999998, 46.3312, -12.3456789, -0.1, 0, null, 12345678.9, -1e300].map(one => written(one, 2)), ["5.02", "6.50", "46.33", "\u221212.35", "\u22120.1", "0", "\u2013", "12345679", "\u22121e300"]);
+  assert.deepEqual([5.016316439148914, 46.3312, 0.125, -1.0625, 9.98, 12, 123.4567].map(one => written(one, 2, true)), ["5.02", "46.3312", "0.125", "\u22121.0625", "9.98", "12", "123.46"]);
   assert.deepEqual([written(1.23456789), written(77.9745), written(1e-6, 2)], ["1.235", "77.9745", "1e\u22126"]);
+});
+
+test("an effect below the last decimal of its output is told to be so small, with no power of ten", () => {
+  assert.deepEqual([1.234, -0.5, 0.005, 0.0049, -3e-7].map(one => effectText(one, 2)), ["+1.23", "\u22120.50", "+0.01", "<0.01", "<0.01"]);
+  assert.deepEqual([effectText(0.4, 0), effectText(3e-7, 6), effectText(-3e-7)], ["<1", "<0.000001", "\u22123e\u22127"]);
 });
 
 test("no number is longer than there is room for", () => {
   for (const value of [12345678.9, -12345678.9, 1e300, -1e-300, -1e-12, -999999999.4, -999999999.5, -123456.789, 0.123456789, -1 / 3])
     for (const decimals of [undefined, 0, 2, 6]) {
       assert.ok(number(value, decimals).length <= 10, number(value, decimals));
-      assert.ok(written(value, decimals).length <= 10, written(value, decimals));
+      for (const entered of [false, true]) assert.ok(written(value, decimals, entered).length <= 10, written(value, decimals, entered));
     }
 });
 

@@ -582,8 +582,12 @@ test("an element of the drawing leads to its faceplate, by mouse and by key, and
     await faceplate.getByRole("button", {name: "Close"}).click();
     await faceplate.waitFor({state: "hidden"});
     assert.equal(await page.locator(".picture .glyph.p1").first().textContent(), "◆1 ");
+    // Over these letters is the mark of the lists: shape, colour and digit.
+    const [letters, drawn] = await page.evaluate(() => [".glyph.p1", ".said + g .shape.p1 path"].map(one => document.querySelector(`.picture ${one}`).getBoundingClientRect()));
+    assert.ok(drawn.left > letters.left - 4 && drawn.right < letters.right && drawn.height > 8, JSON.stringify([letters, drawn]));
+    assert.equal(await page.locator(".picture .glyph.under").first().evaluate(one => getComputedStyle(one).visibility), "hidden");
     // The mark lies at the upper right corner of what it is of.
-    const [mark, pump] = [await geometry(page.locator(".picture .shape.p1 path")), await geometry(page.locator(".picture .state"))];
+    const [mark, pump] = [await geometry(page.locator(".picture .bound + .shape.p1 path")), await geometry(page.locator(".picture .state"))];
     assert.ok(Math.abs(mark.x + mark.width / 2 - (pump.x + pump.width)) < 12 && Math.abs(mark.y + mark.height / 2 - pump.y) < 12, JSON.stringify([mark, pump]));
   });
 });

@@ -135,7 +135,7 @@ test("the server's sentences are worded in German, whatever they are put togethe
   const events = {
     "running every 1 s": "läuft alle 1 s",
     "2 ticks missed in the last 60 s": "2 Takte in den letzten 60 s ausgelassen",
-    "1 tick missed in the last 60 s": "1 Takte in den letzten 60 s ausgelassen",
+    "1 tick missed in the last 60 s": "1 Takt in den letzten 60 s ausgelassen",
     "plant lost, trying again: not connected": "Anlage verloren, neuer Versuch: nicht verbunden",
     "plant connected": "Anlage verbunden",
     "r: 10 -> 12 (from 127.0.0.1): out of service": "r: 10 -> 12 (von 127.0.0.1): out of service",

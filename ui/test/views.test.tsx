@@ -139,7 +139,7 @@ test("the overview tells each loop, each measurement beyond them, and that all i
   assert.equal(said(".toolbar"), "Two tanks all values fresh and good View as table");
   assert.equal(
     said(".loops tbody tr:first-child"),
-    "y1level Auto [y1 PV 9.98 m, setpoint 0.13, scale 0 to 15] 9.98 m 0.13 m 1.500 V [y1, last 10 minutes: 9.98 to 9.98]",
+    "y1level Auto [y1 PV 9.98 m, setpoint 0.125, scale 0 to 15] 9.98 m 0.125 m 1.500 V [y1, last 10 minutes: 9.98 to 9.98]",
   );
   assert.match(said(".measurements tbody tr"), /^T \[T 300\.000 K, scale 100 to 500\] 300\.000 K /);
   assert.equal(said(".loops thead"), "Loop Mode PV against SP PV SP OUT Last 10 min");
@@ -919,7 +919,7 @@ test("a trend: live, paused, moved, and what it says of itself", async () => {
   await show("trend/1");
   const trend = (): string[] => ["data-live", "data-span"].map(name => one("section.trend").getAttribute(name) ?? "");
   assert.deepEqual(trend(), ["true", "600"]);
-  assert.equal(said(".readout"), "current y1 9.98 r1 0.13 u1 1.500");
+  assert.equal(said(".readout"), "current y1 9.98 r1 0.125 u1 1.500");
   await press(" ");
   assert.deepEqual(trend(), ["false", "600"]);
   server.sample("sensor.1", 5);
@@ -1380,7 +1380,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   await settle();
   assert.equal(said(".prediction .toolbar .say"), "base: 3 steps of 2.0 s");
   const rows = [...document.querySelectorAll(".prediction .panel tbody tr")].map(row => [...row.children].map(cell => (cell.textContent ?? "").replace(/\s+/g, " ").trim()));
-  assert.deepEqual(rows[0], ["y1", "9.98m", "0.13", "12.50", "12.00", "no limits", "none"]);
+  assert.deepEqual(rows[0], ["y1", "9.98m", "0.125", "12.50", "12.00", "no limits", "none"]);
   assert.equal(rows[2]![0], "u1");
   assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "high limit, low rate limit", "AutoOut of service: u1", "98 %"]);
   await click(button("Out of service: u1"));
@@ -1562,7 +1562,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
     for (let i = 0; i < 100 && said(".readout").endsWith("loading …"); i++) await settle();
     return said(".readout");
   };
-  assert.equal(await trend(1), "current y1 9.98 r1 0.13 u1 1.500 trial.u1.output 1.750");
+  assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
   assert.equal(await trend(3), await trend(1));
   assert.deepEqual([...document.querySelectorAll(".readout .key path")].map(key => key.getAttribute("stroke-dasharray")), ["", "6 3", "", "6 3"]);
   server.sample("estimate.2", 1.25);
@@ -1579,7 +1579,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   server.beat();
   await settle();
   assert.doesNotMatch(said(".toolbar"), /shadow/);
-  assert.equal(await trend(1), "current y1 9.98 r1 0.13 u1 1.500 u1.output 1.500");
+  assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 u1.output 1.500");
   server.plant = tanks;
   env.source.send("plant", {revision: 4});
   await settle();
@@ -2275,7 +2275,7 @@ test("the past is on the screens until Esc, nothing can be written there, and wh
   assert.ok(Math.abs((asked[0] as number) - (server.now - 60)) < 2, "a minute ago");
   assert.match(one(".shell").className, / in-past$/);
   assert.match(said(".past-top"), /^Past 2033-05-18 \d\d:\d\d:\d\d\.\d UTC 60 s ago This is the past: nothing can be written\. Back to now$/);
-  assert.equal(value("setpoint.1"), "0.13 m");
+  assert.equal(value("setpoint.1"), "0.125 m");
   assert.equal(said(".mode-switch .pairs"), "target Man actual Man");
   assert.match(said(".loop-alarms"), /y1\.high.*active, acknowledged/);
   for (const field of ["setpoint.1", "output.1"]) assert.equal(one<HTMLInputElement>(`input[name="${field}"]`).disabled, true, field);
@@ -2289,7 +2289,7 @@ test("the past is on the screens until Esc, nothing can be written there, and wh
   server.beat();
   await env.pass(1);
   await settle();
-  assert.equal(value("setpoint.1"), "0.13 m");
+  assert.equal(value("setpoint.1"), "0.125 m");
   assert.match(said(".alarm-line"), /^Now: .*1 active.*y2\.low/);
   assert.equal(button("Acknowledge y2.low", ".alarm-line").disabled, true);
   await show("alarms");

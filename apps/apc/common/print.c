@@ -149,7 +149,7 @@ static int width_of(const char *text)
 /* What of a cell stands before its decimal point; all of what is no number. */
 static int before_point(const char *text)
 {
-    size_t digits = strspn(text, "+-0123456789");
+    size_t digits = strspn(text, "<+-0123456789");
     return digits > 0 ? (int)digits : width_of(text);
 }
 

@@ -7,6 +7,7 @@
 
 #include "apc/common/past.h"
 #include "apc/common/print.h"
+#include "apcmath.h"
 #include "files/files.h"
 
 struct why_options {
@@ -68,15 +69,27 @@ static bool is_back(const struct why_cause *cause)
     return cause->kind != WHY_BELOW && cause->before == cause->now && cause->status_before == cause->status;
 }
 
+#define WIDEST 1e6 /* limits farther apart than that are none */
+
 static bool has_effect(const struct why *w, double effect)
 {
     return fabs(effect) > 1e-12 * (fabs(w->u) + fabs(w->u_before));
 }
 
+/* A ten-thousandth of its range, as a power of ten; 0: it has none. */
+static double resolution(const struct why *w)
+{
+    const double span = w->high - w->low;
+    return span > 0 && span <= WIDEST ? apc_pow(10, fmax(-6, fmin(0, floor(apc_log10(span)) - 4))) : 0;
+}
+
 static void print_effect(struct print_table *table, const struct why *w, double effect)
 {
-    const double move = w->u - w->u_before;
-    print_cell(table, PRINT_PLAIN, "%+.4g", effect);
+    const double move = w->u - w->u_before, least = resolution(w);
+    if (fabs(effect) < least / 2)
+        print_cell(table, PRINT_PLAIN, "<%g", least);
+    else
+        print_cell(table, PRINT_PLAIN, "%+.4g", effect);
     if (move < 0 || move > 0)
         print_cell(table, PRINT_PLAIN, "%.0f", 100 * effect / move + 0.0);
     else

@@ -47,12 +47,20 @@ export function exact(value: number | null | undefined): string {
   return plain.includes("e") || (plain.length > 7 && short.length < plain.length) ? short : minus(plain);
 }
 
-/** What somebody has written: exactly, where that has no more decimals and fits wherever a value stands, else as a measurement is
- *  told. */
-export function written(value: number | null | undefined, decimals?: number): string {
+/** What somebody has written: exactly, where that has no more decimals than a measurement, or, as it was `entered` by a person, six
+ *  digits at most, and fits wherever a value stands; else as a measurement is told. Who has entered 0.125 is not shown 0.13. */
+export function written(value: number | null | undefined, decimals?: number, entered = false): string {
   const text = exact(value);
   const fraction = /\.(\d+)$/.exec(text)?.[1] ?? "";
-  return text.replace(/\D/g, "").length <= DIGITS && fraction.length <= (decimals ?? DIGITS) ? text : number(value, decimals);
+  const digits = text.replace(/\D/g, "");
+  return digits.length <= DIGITS && (fraction.length <= (decimals ?? DIGITS) || (entered && digits.replace(/^0+/, "").length <= 6)) ? text : number(value, decimals);
+}
+
+/** Of a cause: with its sign, in the decimals of the output, or with four digits; below the last decimal it is but said to be so small. */
+export function effectText(effect: number, fine?: number): string {
+  const size = Math.abs(effect);
+  if (fine != null && size < 0.5 * 10 ** -fine) return `<${(10 ** -fine).toFixed(fine)}`;
+  return `${effect > 0 ? "+" : ""}${fine != null ? number(effect, fine) : size >= 1e-3 && size < 1e5 ? number(effect, Math.max(0, 3 - Math.floor(Math.log10(size)))) : exact(Number(effect.toPrecision(3)))}`;
 }
 
 const LONGEST = 8; // characters at an axis, beyond which powers of ten are shorter

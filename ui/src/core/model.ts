@@ -93,6 +93,12 @@ export function isMoved(ref: Ref): boolean {
   return control.value?.ramps[ref] != null || (loop != null && modesOfLoop(loop).value.remote?.cascade === true);
 }
 
+/** A setpoint that the scheduler moves now? */
+export function isScheduled(ref: Ref): boolean {
+  const loop = below.get(ref);
+  return loop != null && modesOfLoop(loop).value.remote?.cascade === false;
+}
+
 /** Does it go along with a controller that acts, and moves nothing itself? */
 export function inShadow(loop: Pick<Loop, "controller">): boolean {
   return control.value?.shadow.includes(loop.controller) === true;
@@ -362,7 +368,7 @@ export async function loadPlant(): Promise<void> {
     below.clear();
     for (const loop of next.loops.slice().reverse()) {
       if (loop.measurement) measuring.set(loop.measurement, loop);
-      if (loop.setpoint && loop.above != null) below.set(loop.setpoint, loop);
+      if (loop.setpoint && (loop.above != null || loop.owner != null)) below.set(loop.setpoint, loop);
     }
     findKin(next);
     bands = bandsOf(next.alarms?.all ?? []);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Why an output moved: what is asked of the server, and what its answer says to people.
 import {get} from "./api";
-import {exact, missing, number, written} from "./format";
+import {missing, number, written} from "./format";
 import {decimals} from "./model";
 import {words, worth} from "./quality";
 import type {Cause, Loop, Plant, PlantEvent, Why} from "./types";
@@ -95,7 +95,7 @@ export function told(cause: Cause, which: "before" | "now", p: Plant): string {
   const value = cause[which];
   const status = which === "now" ? cause.status : cause.status_before;
   const mode = cause.kind === "mode" && value != null ? p.modes[value] : undefined;
-  const text = mode ? known("mode", mode) : value == null ? "" : (cause.written != null && cause.kind !== "measurement" ? written : number)(value, decimalsNamed(cause.input, p));
+  const text = mode ? known("mode", mode) : value == null ? "" : cause.written != null && cause.kind !== "measurement" ? written(value, decimalsNamed(cause.input, p), true) : number(value, decimalsNamed(cause.input, p));
   return worth(status) === "good" || text === "" ? text : `${text} ${words(status)}`;
 }
 
@@ -110,12 +110,6 @@ export function part(effect: number | null, {before, now}: Why): Part | null {
   if (effect == null || Math.abs(effect) <= 1e-12 * size) return null;
   const move = (now ?? 0) - (before ?? 0);
   return {effect, share: move === 0 ? null : effect / move};
-}
-
-/** With its sign, in the decimals of the output, or with four digits. */
-export function effectText(effect: number, fine?: number): string {
-  const size = Math.abs(effect);
-  return `${effect > 0 ? "+" : ""}${fine != null && size >= 0.5 * 10 ** -fine ? number(effect, fine) : size >= 1e-3 && size < 1e5 ? number(effect, Math.max(0, 3 - Math.floor(Math.log10(size)))) : exact(Number(effect.toPrecision(3)))}`;
 }
 
 export const shareText = (share: number | null): string => (share == null ? missing : `${number(100 * share, 0)} %`);

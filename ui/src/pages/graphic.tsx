@@ -152,13 +152,33 @@ function useWords(one: Variable): {text: string; label: string; kind: string; al
 
 function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: Plant}): JSX.Element {
   const {text, label, kind, alarm} = useWords(one);
+  const glyph = useRef<SVGTSpanElement>(null);
+  const [at, setAt] = useState<{x: number; y: number; size: number} | null>(null);
+  // Letters keep its place in the text; the mark of the lists is drawn over them.
+  useLayoutEffect(() => {
+    if (!alarm || !glyph.current?.getExtentOfChar) return setAt(null);
+    const {x, y, height} = glyph.current.getExtentOfChar(0);
+    const size = Math.min(0.85 * height, 0.85 * glyph.current.getComputedTextLength());
+    setAt(was => (was?.x === x && was.y === y + (height - size) / 2 && was.size === size ? was : {x, y: y + (height - size) / 2, size}));
+  }, [alarm?.id, alarm?.priority, text]);
   return (
     <Go of={one} plant={p} label={label}>
       {h(of.tag, {...of.attributes, class: `said ${kind}`, "data-ref": one.ref} as never, [
-        alarm && <tspan key="alarm" class={`glyph p${alarm.priority}`}>{GLYPHS[alarm.priority]}<tspan class="rank">{alarm.priority} </tspan></tspan>,
+        alarm && <tspan key="alarm" ref={glyph} class={`glyph p${alarm.priority}${at ? " under" : ""}`}>{GLYPHS[alarm.priority]}<tspan class="rank">{alarm.priority} </tspan></tspan>,
         <tspan key="text" class="digits">{text}</tspan>,
       ])}
+      {alarm && at && <g transform={of.attributes.transform}><Drawn of={alarm} {...at} /></g>}
     </Go>
+  );
+}
+
+/** The mark of an alarm, as in the lists, in the units of the drawing. */
+function Drawn({of, x, y, size}: {of: Alarm; x: number; y: number; size: number}): JSX.Element {
+  return (
+    <g transform={`translate(${x} ${y}) scale(${size / 20})`} class={`shape p${of.priority}${isUnacknowledged(of) ? "" : " hollow"}`} aria-hidden="true">
+      <path d={shapes[of.priority]} />
+      <text x="10" y={digitAt[of.priority]}>{of.priority}</text>
+    </g>
   );
 }
 
@@ -178,12 +198,7 @@ function State({of, signal: one, scene: {plant: p, mark}, children}: {of: Part; 
       <Go of={one} plant={p} label={label}>
         {h(of.tag, {...rest, ref: element, class: `state ${kind}${alarm ? ` alarmed p${alarm.priority}` : ""}`, "data-ref": one.ref} as never, children)}
       </Go>
-      {alarm && corner && (
-        <g transform={`translate(${corner.x - mark / 2} ${corner.y - mark / 2}) scale(${mark / 20})`} class={`shape p${alarm.priority}${isUnacknowledged(alarm) ? "" : " hollow"}`} aria-hidden="true">
-          <path d={shapes[alarm.priority]} />
-          <text x="10" y={digitAt[alarm.priority]}>{alarm.priority}</text>
-        </g>
-      )}
+      {alarm && corner && <Drawn of={alarm} x={corner.x - mark / 2} y={corner.y - mark / 2} size={mark} />}
     </g>
   );
 }
