@@ -49,7 +49,7 @@ static int judge(struct solver *s, int status, const char *what)
 }
 
 /* The model's time and states. */
-static int move_to(struct solver *s, double t, N_Vector x)
+static int set_model(struct solver *s, double t, N_Vector x)
 {
     const int rc = judge(s, s->model->set_time(s->model->self, t), ": it does not take the time");
 
@@ -62,7 +62,7 @@ static int right_side(sunrealtype t, N_Vector x, N_Vector dx, void *user)
 {
     struct solver *const s = user;
     double *const out = N_VGetArrayPointer(dx);
-    int rc = move_to(s, t, x);
+    int rc = set_model(s, t, x);
 
     out[0] = 0.0;
     if (rc == 0 && s->nx)
@@ -78,7 +78,7 @@ static int right_side(sunrealtype t, N_Vector x, N_Vector dx, void *user)
 static int indicators(sunrealtype t, N_Vector x, sunrealtype *z, void *user)
 {
     struct solver *const s = user;
-    const int rc = move_to(s, t, x);
+    const int rc = set_model(s, t, x);
 
     return rc ? rc
               : judge(s, s->model->get_indicators(s->model->self, z, s->nz), ": it has no event indicators");
@@ -214,7 +214,7 @@ static bool advance(struct solver *s, double to, bool *event)
         return false;
     }
     s->t = reached;
-    if (move_to(s, s->t, s->x) != 0 ||
+    if (set_model(s, s->t, s->x) != 0 ||
         !status_well(s->model->completed(event, &ends), "CompletedIntegratorStep")) {
         fprintf(stderr, "at %g s\n", s->t);
         return false;
@@ -245,7 +245,7 @@ static bool to_next_event(struct solver *s, double end, bool *event)
     if (to - s->t > sliver(s, end))
         return advance(s, to, event);
     s->t = to;
-    return move_to(s, to, s->x) == 0;
+    return set_model(s, to, s->x) == 0;
 }
 
 bool solver_step(struct solver *s, double end, double *reached)
