@@ -105,7 +105,10 @@ static int set_clock(double t)
     EXPORT int fmi##version##ExitInitializationMode(void *self);                                             \
     EXPORT int fmi##version##Terminate(void *self);                                                          \
     EXPORT void fmi##version##FreeInstance(void *self);                                                      \
-    int fmi##version##SetTime(void *self, double t) { return self ? set_clock(t) : 3; }                      \
+    int fmi##version##SetTime(void *self, double t)                                                          \
+    {                                                                                                        \
+        return self ? set_clock(t) : 3;                                                                      \
+    }                                                                                                        \
     int fmi##version##SetContinuousStates(void *self, const double *x, size_t n)                             \
     {                                                                                                        \
         return self && n == 2 ? states(NULL, x) : 3;                                                         \
@@ -124,11 +127,26 @@ static int set_clock(double t)
         z[0] = indicator();                                                                                  \
         return self && n == 1 ? 0 : 3;                                                                       \
     }                                                                                                        \
-    int fmi##version##EnterEventMode(void *self) { return self ? 0 : 3; }                                    \
-    int fmi##version##EnterContinuousTimeMode(void *self) { return self ? 0 : 3; }                           \
-    int fmi##version##ExitInitializationMode(void *self) { return self ? 0 : 3; }                            \
-    int fmi##version##Terminate(void *self) { return self ? 0 : 3; }                                         \
-    void fmi##version##FreeInstance(void *self) { (void)self; }
+    int fmi##version##EnterEventMode(void *self)                                                             \
+    {                                                                                                        \
+        return self ? 0 : 3;                                                                                 \
+    }                                                                                                        \
+    int fmi##version##EnterContinuousTimeMode(void *self)                                                    \
+    {                                                                                                        \
+        return self ? 0 : 3;                                                                                 \
+    }                                                                                                        \
+    int fmi##version##ExitInitializationMode(void *self)                                                     \
+    {                                                                                                        \
+        return self ? 0 : 3;                                                                                 \
+    }                                                                                                        \
+    int fmi##version##Terminate(void *self)                                                                  \
+    {                                                                                                        \
+        return self ? 0 : 3;                                                                                 \
+    }                                                                                                        \
+    void fmi##version##FreeInstance(void *self)                                                              \
+    {                                                                                                        \
+        (void)self;                                                                                          \
+    }
 
 #if FMI == 2
 SAME(2)
@@ -171,7 +189,9 @@ EXPORT int fmi2CompletedIntegratorStep(void *self, int final, int *event, int *e
 void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *call,
                       int visible, int logging)
 {
-    return name && resources && call && !visible && logging >= 0 && type == 0 && strcmp(guid, "{ball}") == 0 ? v : NULL;
+    return name && resources && call && !visible && logging >= 0 && type == 0 && strcmp(guid, "{ball}") == 0
+               ? v
+               : NULL;
 }
 
 int fmi2SetupExperiment(void *self, int tolerant, double tolerance, double start, int stops, double stop)
