@@ -241,6 +241,8 @@ static void beat(struct ui *ui)
     control_json(&ui->model, apc_clock_plant(), &t);
     json_add(&t, "history:");
     behind_json(&ui->model, &t);
+    json_add(&t, "simulation:");
+    simulated_json(&ui->model, &t);
     pthread_mutex_unlock(&ui->model.mutex);
     json_add(&t, "}");
     if (!t.failed)

@@ -38,6 +38,7 @@ const struct route routes[] = {
     {"GET", "/api/retake", ROLE_OBSERVER, PAST, get_retake, "at names", "what was set otherwise then"},
     {"POST", "/api/retake", ROLE_OPERATOR, WRITER, post_retake, "", "what was set then, again"},
     {"POST", "/api/undo", ROLE_OPERATOR, WRITER, post_undo, "", "take back one's last write"},
+    {"POST", "/api/speed", ROLE_OPERATOR, WRITER, post_speed, "", "how fast a simulated plant goes"},
     {"POST", "/api/log", ROLE_OPERATOR, WRITER, post_log, "", "enter something in the log book, or sign it"},
     {"POST", "/api/alarms/{name}/ack", ROLE_OPERATOR, WRITER, post_alarm_ack, "", "acknowledge an alarm"},
     {"POST", "/api/alarms/{name}/shelve", ROLE_OPERATOR, WRITER, post_alarm_shelve, "",

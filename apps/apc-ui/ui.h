@@ -103,8 +103,16 @@ struct behind {
     char why[300];
 };
 
+/* How a simulated plant went when it was looked at last. */
+struct simulated_plant {
+    int state; /* 1; 0: its time is real; APC_ESTATE: nobody simulates it any more, or another error */
+    struct apc_store_clock clock;
+    char why[300];
+};
+
 struct model {
     pthread_mutex_t mutex;
+    struct simulated_plant simulated;
     struct plant plant;
     struct apc_sample *now; /* [count] as plant.tag; behind them what became of all that people may want */
     apc_ns *moved;          /* [count] monotonic: when the seq was last seen to move; 0: never */
@@ -277,6 +285,10 @@ void alarm_author_member(struct apc_store *store, uint32_t author, struct text *
 /* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it. */
 void model_behind(struct model *m, const struct behind *now);
 void behind_json(const struct model *m, struct text *t); /* locked */
+
+/* ---- plant/simulated.c ---- */
+void model_look_simulated(struct model *m, struct apc_store *store);
+void simulated_json(const struct model *m, struct text *t); /* locked */
 
 /* ---- threads, in plant: until ui->stopping; arg is the ui ---- */
 void *live_thread(void *arg);

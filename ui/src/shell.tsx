@@ -16,7 +16,7 @@ import {env} from "./core/env";
 import {notRunning} from "./core/modes";
 import {type Language, LANGUAGES, tr} from "./core/texts";
 import {isPens, joined} from "./core/pens";
-import {behind, connection, controlNow, heardAt, logOut, needsLogin, plant, second, session, serverNow, shownAt, store} from "./core/model";
+import {behind, connection, controlNow, heardAt, logOut, needsLogin, plant, second, session, serverNow, shownAt, simulation, store} from "./core/model";
 import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
@@ -31,6 +31,7 @@ import {TrendPage} from "./pages/trend";
 import {AlarmLine} from "./parts/alarmline";
 import {OnlyNow, PastBar, PastButton, pastByKey} from "./parts/past";
 import {Shape} from "./parts/shape";
+import {SpeedStrip} from "./parts/speed";
 import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
 import {OpenWhy} from "./why";
@@ -102,6 +103,7 @@ function Whole(): JSX.Element {
           </a>
         ))}
       </nav>}
+      <SpeedStrip />
       <AlarmLine />
       <PastBar />
       <Bars />
@@ -131,6 +133,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   const p = useCell(plant);
   const who = useCell(session);
   const database = useCell(store);
+  const simulated = useCell(simulation);
   const connected = useCell(connection).state === "connected";
   const mode = useCell(theme);
   const logout = (): void => void logOut().then(() => location.reload());
@@ -138,6 +141,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
     <header>
       <b class="brand">libapc</b>
       <a class="plant" href={`./${location.search}${path("plants")}`} title={tr("shell.allPlants")}>{p?.name ?? "…"}</a>
+      {simulated && <b class="simulation">{tr("speed.simulation")}</b>}
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>
         {!database ? "DB …" : !database.connected ? <><Shape priority={1} label={tr("shell.databaseOffline")} /> {tr("shell.databaseOffline")}</> : tr(connected ? "shell.databaseOk" : "shell.databaseUnknown")}
@@ -208,7 +212,7 @@ function LinkState(): JSX.Element {
 
 function Clock(): JSX.Element {
   useCell(second);
-  const now = serverNow();
+  const now = useCell(simulation)?.t ?? serverNow(); // which may stand still
   return <span class="clock digits">{clock(now)} {zoneAt(now)}</span>;
 }
 

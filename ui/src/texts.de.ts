@@ -100,6 +100,20 @@ export const de = {
   "common.service.out": "Außer Betrieb",
   "common.service.in": "In Betrieb",
 
+  "speed.simulation": "SIMULATION",
+  "speed.title": "Simulation",
+  "speed.speed": "Geschwindigkeit",
+  "speed.dead": "Niemand simuliert diese Anlage mehr: ihre Zeit steht still.",
+  "speed.paused": "angehalten",
+  "speed.asked": "verlangt {asked}×",
+  "speed.reached": "verlangt {asked}×, erreicht {reached}×",
+  "speed.missed": "verlangt {asked}×, erreicht {reached}×: dieser Rechner ist nicht schnell genug",
+  "speed.max": "so schnell es geht, erreicht {reached}×",
+  "speed.most": "max",
+  "speed.play": "Weiter",
+  "speed.pause": "Anhalten",
+  "speed.step": "Schritt",
+
   "login.title": "Ihre Sitzung ist beendet",
   "login.label": "Anmelden",
   "login.password": "Kennwort",
@@ -431,6 +445,7 @@ export const de = {
   "error.confirm": "Großer Schritt, zu bestätigen ({message})",
   "error.ramp": "Keine Rampe möglich oder keine da ({message})",
   "error.undo": "Lässt sich nicht zurücknehmen ({message})",
+  "error.simulation": "Diese Anlage wird nicht simuliert ({message})",
   "error.nobody": "Kein Regler läuft, der das übernimmt ({message})",
   "error.value": "Kein zulässiger Wert ({message})",
 

@@ -99,6 +99,20 @@ export const en = {
   "common.service.out": "Out of service",
   "common.service.in": "In service",
 
+  "speed.simulation": "SIMULATION",
+  "speed.title": "Simulation",
+  "speed.speed": "Speed",
+  "speed.dead": "Nobody simulates this plant any more: its time is stopped.",
+  "speed.paused": "paused",
+  "speed.asked": "asked {asked}×",
+  "speed.reached": "asked {asked}×, reached {reached}×",
+  "speed.missed": "asked {asked}×, reached {reached}×: this machine is not fast enough",
+  "speed.max": "as fast as it goes, reached {reached}×",
+  "speed.most": "max",
+  "speed.play": "Play",
+  "speed.pause": "Pause",
+  "speed.step": "Step",
+
   "login.title": "Your session has ended",
   "login.label": "Log in",
   "login.password": "Password",
@@ -430,6 +444,7 @@ export const en = {
   "error.confirm": "{message}",
   "error.ramp": "{message}",
   "error.undo": "{message}",
+  "error.simulation": "{message}",
   "error.nobody": "{message}",
   "error.value": "{message}",
 

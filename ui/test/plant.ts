@@ -199,6 +199,7 @@ export class Server {
       alarms: this.alarms,
       control: this.control,
       history: null,
+      simulation: null,
     };
   }
 

@@ -243,6 +243,56 @@ test("a history that is away, or late, is said quietly; one that keeps up is not
   assert.equal(bars(), 0);
 });
 
+test("a simulated plant is marked on every page, and its speed is told and changed", async () => {
+  const PLANT = 946684800; // its t = 0
+  const asked: unknown[] = [];
+  let now = {t: PLANT + 12.4, asked: 10 as number | null, reached: 9.8, steps: 0, error: null as string | null};
+  const beat = async (part: Partial<typeof now> | null): Promise<void> => {
+    now = {...now, ...part};
+    env.source.send("beat", {t: server.now, connected: true, control: server.control, history: null, simulation: part && now});
+    await settle();
+  };
+  const button = (name: string): HTMLButtonElement => [...document.querySelectorAll<HTMLButtonElement>(".speed-strip button")].find(each => each.textContent === name)!;
+  env.routes.set("/api/speed", each => {
+    const {speed, steps} = each.body as {speed: number | null; steps?: number};
+    asked.push(steps == null ? speed : [speed, steps]);
+    each.answer({...now, asked: speed, t: now.t + (steps ?? 0) * 0.2});
+  });
+  const press = async (name: string): Promise<void> => {
+    button(name).click();
+    await settle();
+  };
+  assert.equal(document.querySelectorAll(".speed-strip, header .simulation").length, 0, "its time is real");
+  await beat({});
+  for (const page of ["trend", "alarms", "overview"] as const) {
+    await show(page);
+    assert.equal(said("header .simulation"), "SIMULATION", page);
+    assert.equal(said(".speed-strip .said"), "asked 10×, reached 9.8×", page);
+  }
+  assert.equal(said(".speed-strip .plant-time"), "2000-01-01 00:00:12.4");
+  assert.match(said("header .clock"), /^00:00:12/);
+  assert.equal(button("10×").getAttribute("aria-pressed"), "true");
+  assert.equal(button("Step").disabled, true, "a step of what goes on");
+  await beat({asked: 1000, reached: 312.5});
+  assert.equal(said(".speed-strip .said"), "asked 1000×, reached 312.5×: this machine is not fast enough");
+  await press("Pause");
+  assert.equal(said(".speed-strip .said"), "paused");
+  await press("Step");
+  assert.equal(said(".speed-strip .plant-time"), "2000-01-01 00:00:12.6");
+  await press("Play");
+  await press("max");
+  assert.equal(said(".speed-strip .said"), "as fast as it goes, reached 312.5×");
+  assert.deepEqual(asked, [0, [0, 1], 1000, null]);
+  env.routes.set("/api/speed", each => each.answer({error: {code: "simulation", message: "nobody simulates the plant any more"}}, 409));
+  await press("100×");
+  assert.equal(said('.speed-strip [role="alert"]'), "nobody simulates the plant any more");
+  await beat({error: "nobody simulates the plant any more"});
+  assert.equal(said(".speed-strip .said"), "Nobody simulates this plant any more: its time is stopped.");
+  assert.equal(document.querySelectorAll(".speed-strip button").length, 0, "buttons that nobody hears");
+  await beat(null);
+  assert.equal(document.querySelectorAll(".speed-strip, header .simulation").length, 0);
+});
+
 test("the clock in the header goes on between two messages", async () => {
   const before = said("header .clock");
   await env.pass(1.1);

@@ -42,6 +42,7 @@ void post_output(struct ui *ui, struct request *r, struct apc_store *store);
 void post_mode(struct ui *ui, struct request *r, struct apc_store *store);
 void post_owner(struct ui *ui, struct request *r, struct apc_store *store);
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
+void post_speed(struct ui *ui, struct request *r, struct apc_store *store);
 void post_log(struct ui *ui, struct request *r, struct apc_store *store);
 /* What differs of variables, loops, controllers called @names, with commas between them, NULL or "": of all; the
  * changes to be freed. False: the fault is set. */

@@ -476,6 +476,8 @@ void model_state_json(struct ui *ui, struct text *t)
     control_json(m, now, t);
     json_add(t, "history:");
     behind_json(m, t);
+    json_add(t, "simulation:");
+    simulated_json(m, t);
     json_add(t, "}");
     pthread_mutex_unlock(&m->mutex);
 }

@@ -347,6 +347,7 @@ static bool is_described(struct ui *ui)
 static int look_for_records(struct records *r, unsigned looks)
 {
     int rc = audit_flush(r->ui, r->store);
+    model_look_simulated(&r->ui->model, r->store);
     if (rc >= 0)
         rc = look_events(r);
     if (rc >= 0)

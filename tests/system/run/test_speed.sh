@@ -58,7 +58,31 @@ page=$(sed -n 's/^page: *//p' "$work/going.log")
 until_true 20 curl -fsS -o "$work/state.json" "${page}api/state"
 grep -q '"t":9466848' "$work/state.json" || fail "the page has another time than the plant: $(head -c 100 "$work/state.json")"
 expect 4 'its plant, whose time is not real' "$APC_BIN/apc-controller" --config "$file" --store "${store%%+*}"
-speed max
+# The page and programs do by HTTP what apc speed does.
+# ask BODY: what POST /api/speed answers, with its status behind it
+csrf=$(curl -fsS "${page}api/session" | sed -n 's/.*"csrf":"\([^"]*\)".*/\1/p')
+ask() { curl -sS -w ' %{http_code}' -X POST -H 'Content-Type: application/json' -H "X-CSRF-Token: $csrf" -d "$1" "${page}api/speed"; }
+# told WORDS BODY: it answers so
+told() {
+  ask "$2" >"$work/answer.json"
+  grep -qE "$1" "$work/answer.json" || fail "$2 is answered by $(cat "$work/answer.json")"
+}
+# Promise(server/speed): POST /api/speed pauses a simulated plant, makes ticks of it and changes its speed; what it cannot do is
+#   refused with the reason.
+made() { speed --json | grep -q '"steps":0'; }
+told '"asked":0,"reached":0,"steps":[0-9]+,"error":null} 200' '{"speed":0,"steps":2}'
+until_true 60 made
+ticked=$(speed --json | sed 's/.*"t":\([0-9.]*\),.*/\1/')
+told ' 200' '{"speed":0,"steps":5}'
+until_true 60 made
+expect 0 "\"t\":$(awk -v t="$ticked" 'BEGIN { printf "%.6f", t + 1 }')," speed --json
+told '422' '{"speed":1001}'
+told '422' '{"speed":-1}'
+told '422' '{"speed":5,"steps":1}'
+told '"field":"steps".* 400' '{"speed":0,"steps":0}'
+told '400' '{"steps":1}'
+told '"asked":2\.?5?,.* 200' '{"speed":2.5}'
+told '"asked":null,.* 200' '{"speed":null}'
 wait $pid || fail "exit code $?"
 at=$(awk -F, '$2 == "setpoint" && $5 == 12 { print $1; exit }' "$work/going/samples.csv")
 awk -v at="$at" 'BEGIN { ticks = at / 0.2; exit !(at >= 5 && ticks - int(ticks + 0.5) < 1e-6 && int(ticks + 0.5) - ticks < 1e-6) }' ||

@@ -380,6 +380,20 @@ static void what_is_entered_in_the_log_book_is_an_event(void **state)
     assert_string_equal(newest.kind, "handover");
 }
 
+static void a_plant_whose_time_is_real_has_no_speed(void **state)
+{
+    (void)state;
+    assert_int_equal(refused(post_speed, "{\"speed\":10}"), 409);
+    assert_string_equal(request.fault.code, "simulation");
+    assert_int_equal(refused(post_speed, "{\"speed\":null}"), 409);
+    assert_int_equal(refused(post_speed, "{\"speed\":0,\"steps\":1}"), 409);
+    assert_int_equal(refused(post_speed, "{\"speed\":1000.5}"), 422);
+    assert_int_equal(refused(post_speed, "{\"speed\":1,\"steps\":1}"), 422);
+    assert_int_equal(refused(post_speed, "{\"speed\":\"max\"}"), 422);
+    assert_int_equal(refused(post_speed, "{\"speed\":0,\"steps\":1001}"), 400);
+    assert_int_equal(refused(post_speed, "{}"), 400);
+}
+
 /* Promise(modes/ramp) */
 static void a_ramp_begins_where_it_is_and_is_stopped(void **state)
 {
@@ -981,6 +995,7 @@ int main(void)
         T(ones_last_write_is_undone_by_its_time_once),
         T(what_was_set_then_is_shown_and_written_as_it_was_shown),
         T(what_is_entered_in_the_log_book_is_an_event),
+        T(a_plant_whose_time_is_real_has_no_speed),
         T(a_ramp_begins_where_it_is_and_is_stopped),
         T(as_many_tunings_as_there_are_go_at_once),
         T(a_stale_write_is_told_what_is_newer),

@@ -9,7 +9,7 @@ import {decimalsOf} from "./format";
 import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
-import type {AlarmNow, Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Then, Variable, Write} from "./types";
+import type {AlarmNow, Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, Simulation, State, StoreState, Task, Then, Variable, Write} from "./types";
 
 export interface Connection {
   state: "connecting" | "connected" | "disconnected";
@@ -40,6 +40,8 @@ export const controlNow = new Cell<Control | null>(null);
 export const control = new Cell<Control | null>(null);
 /** How far the history is behind; null: there is none beside the store. */
 export const behind = new Cell<Behind | null>(null);
+/** How a simulated plant goes; null: its time is real. */
+export const simulation = new Cell<Simulation | null>(null);
 /** All there are, the most urgent first; and as the screens show them. */
 export const alarmsNow = new Cell<Alarm[]>([]);
 export const alarms = new Cell<Alarm[]>([]);
@@ -291,7 +293,7 @@ function receive(type: string, data: unknown): void {
       if ((data as {reason: string}).reason === "session") needsLogin.value = true;
       break;
   }
-  const {control: said, history} = data as {control?: Control; history?: Behind | null};
+  const {control: said, history, simulation: simulated} = data as {control?: Control; history?: Behind | null; simulation?: Simulation | null};
   if (said) {
     const ramps = controlNow.value?.ramps ?? {};
     replace(controlNow, said);
@@ -299,6 +301,7 @@ function receive(type: string, data: unknown): void {
     for (const ref of Object.keys(ramps)) if (!said.ramps[ref]) setNewest(ref, {...newest(ref)}); // it is shown as what was written again
   }
   if (history !== undefined) replace(behind, history);
+  if (simulated !== undefined) replace(simulation, simulated);
   if ((said || moded) && !aside) lookAtModes();
 }
 

@@ -159,6 +159,15 @@ export interface Behind {
   error: string | null; // it is away
 }
 
+/** How a simulated plant goes. */
+export interface Simulation {
+  t: number; // the plant's time
+  asked: number | null; // plant seconds per second; 0: paused; null: as fast as it goes
+  reached: number;
+  steps: number; // ticks to be made while it is paused
+  error: string | null; // nobody simulates it any more
+}
+
 export interface State {
   t: number;
   id: string;
@@ -168,6 +177,7 @@ export interface State {
   alarms: AlarmNow[];
   control: Control;
   history: Behind | null; // null: there is one store
+  simulation: Simulation | null; // null: the plant's time is real
 }
 
 /** As it was at an instant. */

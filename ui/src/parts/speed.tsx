@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// How fast a simulated plant goes, and the buttons that change it.
+import type {JSX} from "preact";
+import {useRef, useState} from "preact/hooks";
+import {useWriteBar, wall} from "../access";
+import {post} from "../core/api";
+import {number, stamp} from "../core/format";
+import {simulation} from "../core/model";
+import {tr} from "../core/texts";
+import type {Simulation} from "../core/types";
+import {useCell} from "../usecell";
+
+const SPEEDS = [1, 10, 100, 1000, null]; // null: as fast as it goes
+const HELD = 0.9; // of what is asked for
+
+function told({asked, reached, error}: Simulation): string {
+  if (error != null) return tr("speed.dead");
+  if (asked === 0) return tr("speed.paused");
+  const speeds = {asked: asked ?? 0, reached: number(reached, 1)};
+  if (asked == null) return tr("speed.max", speeds);
+  if (reached === 0) return tr("speed.asked", speeds); // nobody has measured it yet
+  return tr(reached < HELD * asked ? "speed.missed" : "speed.reached", speeds);
+}
+
+export function SpeedStrip(): JSX.Element | null {
+  const now = useCell(simulation);
+  const barred = useWriteBar();
+  const [trouble, setTrouble] = useState<string | null>(null);
+  const before = useRef<number | null>(1);
+  if (!now) return null;
+  if (now.asked !== 0) before.current = now.asked;
+  const ask = (speed: number | null, steps?: number): void =>
+    void post<Simulation>("/api/speed", {speed, steps}, 10).then(
+      said => {
+        simulation.value = said;
+        setTrouble(null);
+      },
+      (error: Error) => setTrouble(error.message),
+    );
+  const bar = {disabled: barred != null, title: barred ?? undefined};
+  const paused = now.asked === 0;
+  return (
+    <section class="speed-strip" aria-label={tr("speed.title")}>
+      <span class="digits plant-time">{stamp(now.t, 1)}</span>
+      <span class="said" role="status">{told(now)}</span>
+      {now.error == null && !wall && (
+        <>
+          <button type="button" {...bar} onClick={() => ask(paused ? before.current : 0)}>{tr(paused ? "speed.play" : "speed.pause")}</button>
+          <button type="button" {...bar} disabled={barred != null || !paused} onClick={() => ask(0, 1)}>{tr("speed.step")}</button>
+          <span class="segments" role="group" aria-label={tr("speed.speed")}>
+            {SPEEDS.map(one => <button type="button" key={one} {...bar} aria-pressed={one === now.asked} onClick={() => ask(one)}>{one == null ? tr("speed.most") : `${one}×`}</button>)}
+          </span>
+        </>
+      )}
+      {trouble && <span class="complaint" role="alert">{trouble}</span>}
+    </section>
+  );
+}

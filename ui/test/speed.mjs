@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The strip of a simulated plant does what `apc speed` does: the plant's time goes as it says. The plant is paused at first,
+// and ticks each 0.2 s.
+import assert from "node:assert/strict";
+import {readFileSync} from "node:fs";
+import {createRequire} from "node:module";
+import {after, before, test} from "node:test";
+import {launch, open, screens, until} from "./lib.mjs";
+
+const T0 = 946684800; // 2000-01-01, Unix s
+const PATIENCE = {timeout: 600000};
+let browser;
+before(async () => (browser = await launch()));
+after(() => browser.close());
+
+const strip = page => page.locator(".speed-strip");
+const press = (page, name) => strip(page).getByRole("button", {name, exact: true}).click();
+const said = page => strip(page).locator(".said").textContent();
+/** The plant's time since its t = 0, s. */
+const time = async page => Date.parse(`${(await strip(page).locator(".plant-time").textContent()).replace(" ", "T")}00Z`) / 1000 - T0;
+
+// Promise(page/simulated-plant): The page marks a simulated plant on every screen, in both languages; it pauses, steps and
+//   changes the speed, tells the one that was reached, and says when nobody simulates the plant any more.
+test("a simulated plant goes as the page says", PATIENCE, async () => {
+  const page = await open(browser, "overview", {viewport: {width: 400, height: 800}});
+  await until("the plant is known to be paused", async () => (await said(page)) === "paused");
+  for (const screen of screens) {
+    await page.evaluate(where => (location.hash = where), screen);
+    assert.equal(await page.locator("header .simulation").textContent(), "SIMULATION", screen);
+  }
+  assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
+  await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
+  for (const colorScheme of ["light", "dark"]) {
+    await page.emulateMedia({colorScheme});
+    const found = await page.evaluate(() => window.axe.run(document, {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"], resultTypes: ["violations"]}));
+    assert.deepEqual(found.violations.map(({id, nodes}) => `${id}: ${nodes[0].html} ${nodes[0].failureSummary}`), [], colorScheme);
+  }
+
+  const begin = await time(page);
+  await press(page, "Step");
+  await until("one tick was made", async () => Math.abs((await time(page)) - begin - 0.2) < 0.01);
+  await strip(page).getByRole("button", {name: "Step", exact: true}).focus();
+  await page.keyboard.press("Enter");
+  await until("and another one, by a key", async () => Math.abs((await time(page)) - begin - 0.4) < 0.01);
+
+  await press(page, "10×");
+  await until("it goes on", async () => (await time(page)) > begin + 5);
+  await until("the speed is told", async () => /^asked 10×, reached [0-9.]+×/.test(await said(page)));
+  await press(page, "max");
+  await until("it goes far", async () => (await time(page)) > begin + 600);
+  await until("as fast as it goes", async () => /^as fast as it goes, reached [0-9.]+×$/.test(await said(page)));
+  await press(page, "Pause");
+  await until("it is paused", async () => (await said(page)) === "paused");
+  // The tick that was under way is made still: the time stands once a step has been made behind it.
+  const stands = await until("a step is made", async () => {
+    const [reply] = await Promise.all([page.waitForResponse(/api.speed/), press(page, "Step")]);
+    const {t, steps} = await reply.json();
+    return steps === 0 && t - T0;
+  });
+  await press(page, "Step");
+  await until("one tick after that", async () => Math.abs((await time(page)) - stands - 0.2) < 0.01);
+  await press(page, "Play");
+  await until("as before", async () => (await said(page)).startsWith("as fast as it goes"));
+
+  await page.locator("header .language select").selectOption("de");
+  await press(page, "Anhalten");
+  await until("auf Deutsch", async () => (await said(page)) === "angehalten");
+  await page.locator("header .language select").selectOption("en");
+  process.kill(Number(process.env.APC_UI_SIMULATOR), "SIGKILL");
+  await until("nobody simulates it", async () => (await said(page)) === "Nobody simulates this plant any more: its time is stopped.");
+  assert.equal(await strip(page).getByRole("button").count(), 0);
+  assert.equal(await page.locator("header .simulation").count(), 1);
+  assert.deepEqual(page.complaints, []);
+  await page.context().close();
+});
