@@ -149,7 +149,8 @@ static int width_of(const char *text)
 /* What of a cell stands before its decimal point; all of what is no number. */
 static int before_point(const char *text)
 {
-    size_t digits = strspn(text, "<+-0123456789");
+    const size_t sign = text[0] == '<' && text[1] != ' ';
+    const size_t digits = strspn(text + sign, "+-0123456789") + sign;
     return digits > 0 ? (int)digits : width_of(text);
 }
 

@@ -162,20 +162,22 @@ function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: P
     setAt(was => (was?.x === x && was.y === y + (height - size) / 2 && was.size === size ? was : {x, y: y + (height - size) / 2, size}));
   }, [alarm?.id, alarm?.priority, text]);
   return (
-    <Go of={one} plant={p} label={label}>
-      {h(of.tag, {...of.attributes, class: `said ${kind}`, "data-ref": one.ref} as never, [
-        alarm && <tspan key="alarm" ref={glyph} class={`glyph p${alarm.priority}${at ? " under" : ""}`}>{GLYPHS[alarm.priority]}<tspan class="rank">{alarm.priority} </tspan></tspan>,
-        <tspan key="text" class="digits">{text}</tspan>,
-      ])}
+    <>
+      <Go of={one} plant={p} label={label}>
+        {h(of.tag, {...of.attributes, class: `said ${kind}`, "data-ref": one.ref} as never, [
+          alarm && <tspan key="alarm" ref={glyph} class={`glyph p${alarm.priority}${at ? " under" : ""}`}>{GLYPHS[alarm.priority]}<tspan class="rank">{alarm.priority} </tspan></tspan>,
+          <tspan key="text" class="digits">{text}</tspan>,
+        ])}
+      </Go>
       {alarm && at && <g transform={of.attributes.transform}><Drawn of={alarm} {...at} /></g>}
-    </Go>
+    </>
   );
 }
 
 /** The mark of an alarm, as in the lists, in the units of the drawing. */
 function Drawn({of, x, y, size}: {of: Alarm; x: number; y: number; size: number}): JSX.Element {
   return (
-    <g transform={`translate(${x} ${y}) scale(${size / 20})`} class={`shape p${of.priority}${isUnacknowledged(of) ? "" : " hollow"}`} aria-hidden="true">
+    <g transform={`translate(${x} ${y}) scale(${size / 20})`} class={`shape p${of.priority}${isUnacknowledged(of) ? "" : " hollow"}`} pointer-events="none" aria-hidden="true">
       <path d={shapes[of.priority]} />
       <text x="10" y={digitAt[of.priority]}>{of.priority}</text>
     </g>
