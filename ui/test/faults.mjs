@@ -583,7 +583,7 @@ test("an element of the drawing leads to its faceplate, by mouse and by key, and
     await faceplate.waitFor({state: "hidden"});
     assert.equal(await page.locator(".picture .glyph.p1").first().textContent(), "◆1 ");
     // Over these letters is the mark of the lists: shape, colour and digit.
-    const [letters, drawn] = await page.evaluate(() => [".glyph.p1", ".said + g .shape.p1 path"].map(one => document.querySelector(`.picture ${one}`).getBoundingClientRect()));
+    const [letters, drawn] = await page.evaluate(() => [".glyph.p1", ".bound:has(.said) + g .shape.p1 path"].map(one => document.querySelector(`.picture ${one}`).getBoundingClientRect()));
     assert.ok(drawn.left > letters.left - 4 && drawn.right < letters.right && drawn.height > 8, JSON.stringify([letters, drawn]));
     assert.equal(await page.locator(".picture .glyph.under").first().evaluate(one => getComputedStyle(one).visibility), "hidden");
     // The mark lies at the upper right corner of what it is of.
