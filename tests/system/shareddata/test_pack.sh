@@ -24,8 +24,9 @@ pack() { "$apc" maintain --store postgresql: --pack 1h >"$work/pack.log" 2>&1; }
 same() { [ "$(digest)" = "$was" ] || fail "$1: the history is another one"; }
 
 "$apc" init --store postgresql: >/dev/null
-sql "SELECT make_week('sensor', date_trunc('week', now() AT TIME ZONE 'UTC')::date - 7 * w, current_date) FROM generate_series(1, 3) AS w;
-     INSERT INTO sensor (id, seq, time, status, value) SELECT i, s, date_trunc('week', now()) - interval '3 weeks' + s * interval '200 seconds'
+# None of them ended within the hour, whatever the day.
+sql "SELECT make_week('sensor', date_trunc('week', now() AT TIME ZONE 'UTC')::date - 7 * w, current_date) FROM generate_series(2, 4) AS w;
+     INSERT INTO sensor (id, seq, time, status, value) SELECT i, s, date_trunc('week', now()) - interval '4 weeks' + s * interval '200 seconds'
        + random() * interval '1 ms', 0, random() - 0.5 FROM generate_series(1, 3) AS i, generate_series(1, 9000) AS s" >/dev/null
 was=$(digest)
 all=$(weeks)
