@@ -146,7 +146,11 @@ static void read_model(struct reader *r, const char **a)
     d->name = keep_string(attribute(a, "modelName"));
     d->description = keep_string(attribute(a, "description"));
     d->token = keep_string(attribute(a, d->version == 2 ? "guid" : "instantiationToken"));
-    d->n_indicators = (size_t)number_of_attribute(attribute(a, "numberOfEventIndicators"), 0.0);
+    const double indicators = number_of_attribute(attribute(a, "numberOfEventIndicators"), 0.0);
+    if (!(indicators >= 0.0 && indicators <= VARIABLES_MAX))
+        stop(r, "its numberOfEventIndicators is no number of them");
+    else
+        d->n_indicators = (size_t)indicators;
 }
 
 /* One for co-simulation as well has its own solver. */

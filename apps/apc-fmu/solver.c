@@ -26,7 +26,6 @@
 
 struct solver {
     const struct exchange *model;
-    const struct description *description;
     size_t nx, nz; /* without states there is one that stays 0, so that time passes */
     double t;
     struct event event; /* the newest */
@@ -179,7 +178,6 @@ struct solver *solver_begin(const struct standard *fmi, const struct description
     struct solver *const s = room(1, sizeof *s);
 
     s->model = fmi->exchange;
-    s->description = d;
     s->nx = d->n_states;
     s->nz = d->n_indicators;
     if (s->model->sizes && !status_well(s->model->sizes(&s->nx, &s->nz), "GetNumberOfContinuousStates"))

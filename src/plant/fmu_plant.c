@@ -428,7 +428,7 @@ int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown,
     struct runner *r = NULL;
 
     *look = NULL;
-    for (size_t i = 0; i < f->model.nu; i++) /* its rounded differences would be a gain of 0 */
+    for (size_t i = 0; f->n[INPUT] && i < f->model.nu; i++) /* its rounded differences would be a gain of 0 */
         if (f->sort[INPUT][f->input_place[i]].kind != REAL)
             return apc_fail(why, APC_EINVAL,
                             "%s: its input %s takes whole numbers only, so nothing can be derived by it: "

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pack the library of tank.c or ball.c as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
-   model=ball, inputs=none (of the ball),
+   model=ball, inputs=none, indicators=N (both of the ball),
    names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
    kinds=all (parameters of each kind), input=TYPE (of u, of its own limits where it is typed),
    starts=none (of parameters, inputs and states), starts=inf (of K),
@@ -93,7 +93,7 @@ outputs = "<Outputs>" + "".join(f'<Unknown index="{i + 1}"/>' for i in shown) + 
 token = "guid" if version == 2 else "instantiationToken"
 xml = f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="{model}" {token}="{how.get("token", "{" + model + "}")}"
-                     description="a tank with an inflow"{' numberOfEventIndicators="1"' if version == 2 and model == "ball" else ""}>
+                     description="a tank with an inflow"{f' numberOfEventIndicators="{how.get("indicators", 1)}"' if version == 2 and model == "ball" else ""}>
   <{kind} modelIdentifier="{model}" {f'canHandleVariableCommunicationStepSize="{variable}" ' if kind == "CoSimulation" else ""}needsExecutionTool="{how.get("tool", "false")}"/>
   <TypeDefinitions>{types}</TypeDefinitions>
   <DefaultExperiment startTime="0"{step}/>

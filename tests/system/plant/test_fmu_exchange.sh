@@ -45,6 +45,9 @@ push=u of free
 "$apc" simulate "$work/free.conf" --force --csv "$work/free.csv" >/dev/null
 bounces "$work/free.csv" || fail "a ball without an input does not bounce so"
 expect 0 '^inputs +.none. .*the FMU has no input: this moves nothing' "$apc" plants "$work/free.fmu"
+"$apc" linearize "$work/free.fmu" --here --json >"$work/linear.json"
+python3 -c 'import json, sys; m = json.load(open(sys.argv[1])); sys.exit(m["A"] != [[0, 1], [0, 0]] or m["B"] != [[0], [0]])' "$work/linear.json" ||
+  fail "not the linear model of a mass that nothing moves"
 expect 1 'the model has no inputs: leave "inputs" out' "$apc" simulate <(sed "s|\"free.fmu\";|\"$work/free.fmu\"; inputs = [\"u\"];|" "$work/free.conf")
 
 # Promise(links/fmu-jump): What an input of an FMU for model exchange jumps by is felt at that instant.
@@ -77,6 +80,10 @@ for version in 2 3; do
   trick 4 'at 0.75 s its discrete states have not settled after 1000 updates'
   trick 5 'the update of its discrete states: error'
   trick 6 'CVODE.* 0.6[0-9]* s: it has no derivatives'
+done
+for count in -1 1e300; do
+  ball 2 ball indicators=$count
+  expect 1 'its numberOfEventIndicators is no number of them' "$apc" plants "$work/ball.fmu"
 done
 cc -std=c11 -D_GNU_SOURCE -shared -fPIC -fvisibility=hidden -DFMI=3 -o "$work/ball3.so" "$APC_SOURCE_DIR/tests/fmu/ball.c" -lm \
   -Dfmi3GetEventIndicators=fmi3GetOther
