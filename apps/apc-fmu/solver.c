@@ -38,12 +38,14 @@ struct solver {
     const char *said; /* what of the model's failed last, in this step, where CVODE asked for it */
 };
 
-/* For CVODE: 0, above 0 try a shorter step, below 0 give up. */
+/* For CVODE: 0, above 0 try a shorter step, below 0 give up. Only what is no discard is told at once. */
 static int judge(struct solver *s, int status, const char *what)
 {
     if (status == STATUS_OK || status == STATUS_WARNING)
         return 0;
     s->said = what;
+    if (status != STATUS_DISCARD)
+        (void)status_well(status, "while CVODE steps");
     return status == STATUS_DISCARD ? 1 : -1;
 }
 
