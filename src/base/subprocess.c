@@ -68,18 +68,21 @@ void apc_subprocess_said(struct apc_subprocess *c, char *text, size_t size)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-static bool wait_readable(int fd, apc_ns until)
+#define LOOK (APC_NS_PER_S / 10) /* whether it is parted with */
+
+static bool wait_readable(const struct apc_subprocess *c, apc_ns until)
 {
     for (;;) {
-        const apc_ns left = until - apc_clock_mono(NULL);
-        const struct timespec limit = {.tv_sec = left > 0 ? left / APC_NS_PER_S : 0,
-                                       .tv_nsec = left > 0 ? left % APC_NS_PER_S : 0};
-        struct pollfd in = {.fd = fd, .events = POLLIN};
+        const apc_ns left = until - apc_clock_mono(NULL), slice = left < LOOK ? left : LOOK;
+        const struct timespec limit = {.tv_nsec = slice > 0 ? slice : 0};
+        struct pollfd in = {.fd = c->socket, .events = POLLIN};
         const int n = ppoll(&in, 1, &limit, NULL);
 
         if (n > 0)
             return true;
-        if (n == 0 || errno != EINTR)
+        if (n == 0 ? slice == left : errno != EINTR)
+            return false;
+        if (atomic_load(&c->parting))
             return false;
     }
 }
@@ -93,7 +96,7 @@ static ssize_t receive_message(int fd, void *to, size_t size)
 
 ssize_t apc_subprocess_take(const struct apc_subprocess *c, void *to, size_t size, apc_ns until)
 {
-    if (!wait_readable(c->socket, until))
+    if (!wait_readable(c, until))
         return -1;
     const ssize_t n = receive_message(c->socket, to, size);
     return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
@@ -273,7 +276,7 @@ void apc_subprocess_release(struct apc_subprocess *c)
 
 void apc_subprocess_close(struct apc_subprocess *c)
 {
-    apc_subprocess_settle(c);
+    apc_subprocess_part(c);
     apc_subprocess_bury(c, true);
     (void)pthread_mutex_destroy(&c->lock);
 }
@@ -321,4 +324,11 @@ void apc_subprocess_settle(struct apc_subprocess *c)
     pthread_mutex_unlock(&c->lock);
     if (started)
         (void)pthread_join(c->starter, NULL);
+}
+
+void apc_subprocess_part(struct apc_subprocess *c)
+{
+    atomic_store(&c->parting, true);
+    apc_subprocess_settle(c);
+    atomic_store(&c->parting, false);
 }

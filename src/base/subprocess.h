@@ -13,6 +13,7 @@
 #include "base/base_internal.h"
 
 #include <pthread.h>
+#include <stdatomic.h>
 #include <sys/types.h>
 
 #define APC_SUBPROCESS_MESSAGE (1 << 17) /* bytes of a message, which a socket takes at once */
@@ -30,7 +31,8 @@ struct apc_subprocess {
     bool starting;
     pid_t started; /* of the process whose thread `starter` is; 0: there is none */
     pthread_t starter;
-    char end[64]; /* how it ended */
+    atomic_bool parting; /* what is being started is not waited for any more */
+    char end[64];        /* how it ended */
     char said[APC_SUBPROCESS_SAID];
     size_t n_said;
     uint64_t lost; /* bytes that were printed before those */
@@ -55,7 +57,7 @@ void apc_subprocess_bury(struct apc_subprocess *c, bool hung);
 void apc_subprocess_disown(struct apc_subprocess *c);
 /* A message, whole. [tick] */
 bool apc_subprocess_give(const struct apc_subprocess *c, const void *from, size_t n);
-/* Returns the bytes, 0 when it has ended, -1: nothing by @p until (mono). [tick] */
+/* Returns the bytes, 0 when it has ended, -1: nothing by @p until (mono), or it is parted with. [tick] */
 ssize_t apc_subprocess_take(const struct apc_subprocess *c, void *to, size_t size, apc_ns until);
 /* Take what it has printed out of the pipe. [tick] */
 void apc_subprocess_listen(struct apc_subprocess *c);
@@ -65,7 +67,9 @@ void apc_subprocess_said(struct apc_subprocess *c, char *text, size_t size);
  * [tick] */
 void apc_subprocess_start(struct apc_subprocess *c);
 
-/* This takes the lock: nobody starts it any more. [setup] */
+/* These take the lock: nobody starts it any more. Until it has been started, or has failed to. [setup] */
 void apc_subprocess_settle(struct apc_subprocess *c);
+/* The same, at once: what is being started has failed. [setup] */
+void apc_subprocess_part(struct apc_subprocess *c);
 
 #endif

@@ -256,7 +256,7 @@ static void process_destroy(void *self)
     struct process *const p = i->of;
     const struct header header = {.kind = DESTROY, .instance = i->number};
 
-    apc_subprocess_settle(&p->own);
+    apc_subprocess_part(&p->own);
     pthread_mutex_lock(&p->own.lock);
     for (struct instance **at = &p->instances; *at; at = &(*at)->next) {
         if (*at == i) {

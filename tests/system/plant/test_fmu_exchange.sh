@@ -82,6 +82,22 @@ for version in 2 3; do
   trick 7 'while CVODE steps: error.CVODE got to 0.[56][0-9]* s, not to 0.6[0-9]* s: it has no derivatives'
   trick 6 'CVODE.* 0.6[0-9]* s: it has no derivatives'
 done
+# In real time, one that errs within a step of CVODE begins anew in another process, and the run goes on.
+# Promise(links/fmu-says-step)
+of ball 'trick = 7'
+sed -i 's/period = 0.01;/period = 0.1;/' "$work/ball.conf"
+background run "$apc" run "$work/ball.conf" --no-ui --duration 0 --out "$work/run"
+runner() { pgrep -f "apc-fmu run $TMPDIR" | tr '\n' ' '; }
+began() { first=$(runner) && [ -n "$first" ]; }
+another() { local now; now=$(runner); [ -n "$now" ] && [ "$now" != "$first" ]; }
+again() { "$apc" history h --last 100000 --csv --store "$work/run" | awk -F, '$4 == "Good" {if (lost) there = 1; good = 1} $4 != "Good" && good {lost = 1} END {exit !there}'; }
+until_true 60 began
+until_true 60 another
+until_true 60 again
+kill -INT "$pid"
+wait "$pid" || true # it was not controlled
+[ "$(grep -c 'running every' "$work/run/apc-plant.log")" = 1 ] || fail "the plant's server was taken along"
+! grep -r 'asked after an error' "$work/run" --include='*.log' || fail "it is asked after an error"
 for count in -1 1e300; do
   ball 2 ball indicators=$count
   expect 1 'its numberOfEventIndicators is no number of them' "$apc" plants "$work/ball.fmu"

@@ -64,6 +64,35 @@ static void it_is_scheduled_as_who_has_it(void **state)
     apc_subprocess_close(&c);
 }
 
+static ssize_t heard_first;
+
+static bool begin_and_wait_for_a_word(struct apc_subprocess *c)
+{
+    char word[64];
+    const bool begun = begin(c);
+
+    heard_first = apc_subprocess_take(c, word, sizeof(word), INT64_MAX);
+    apc_subprocess_bury(c, true);
+    return begun;
+}
+
+/*
+ * Promise(run): A daemon ends when it is told to, also while its FMU, plant or law in Python is being started
+ *   again.
+ */
+static void what_is_being_started_is_not_waited_for_at_the_end(void **state)
+{
+    struct apc_subprocess c = {0};
+
+    (void)state;
+    assert_int_equal(apc_subprocess_open(&c, "sleep", begin_and_wait_for_a_word), 0);
+    apc_subprocess_start(&c);
+    apc_subprocess_close(&c);
+    assert_int_equal(heard_first, -1); /* 0: it has ended by itself */
+    assert_string_equal(c.end, "did not answer and was killed");
+    assert_int_equal(c.socket, -1);
+}
+
 /* What a process printed, as one line for people. */
 static void what_it_said_is_a_line_and_the_end_of_it_where_it_is_long(void **state)
 {
@@ -119,6 +148,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(its_last_word_is_heard_though_it_ended_with_a_message_unread),
         cmocka_unit_test(it_is_scheduled_as_who_has_it),
+        cmocka_unit_test(what_is_being_started_is_not_waited_for_at_the_end),
         cmocka_unit_test(what_it_said_is_a_line_and_the_end_of_it_where_it_is_long),
         cmocka_unit_test(what_cannot_be_started_leaves_nothing_open),
     };

@@ -88,6 +88,8 @@ static int serve(const char *file)
     struct header h;
     ssize_t n;
 
+    while (is_there(file, "slow"))
+        pause_briefly();
     if (is_there(file, "mute"))
         return 4;
     if (is_there(file, "error")) {
@@ -460,6 +462,26 @@ static void one_that_is_killed_in_real_time_fails_until_it_is_there_again(void *
     assert_near(r.published[NUMBERS - 1], 51, 0);
 }
 
+static void one_that_is_being_started_is_not_waited_for_at_the_end(void **state)
+{
+    (void)state;
+    make();
+    struct process *const p = r.handle;
+    r.c.budget = 600;
+    r.c.deadline = apc_clock_mono(NULL) + 600 * APC_NS_PER_S;
+    assert_int_equal(asked_to(WELL), APC_LAW_GOOD);
+    touch("slow");
+    kill_it();
+    assert_int_equal(asked_to(WELL), APC_LAW_FAILED);
+    p->timeout = 1000000 * APC_NS_PER_S; /* that it has to start */
+    p->own.since -= 2 * APC_NS_PER_S;
+    assert_int_equal(asked_to(WELL), APC_LAW_FAILED);
+    assert_string_equal(r.why, "its process is being started");
+    r.law->destroy(r.self);
+    r.self = NULL;
+    assert_true(p->own.socket < 0);
+}
+
 /* ... and has three periods and a second to answer, before it is killed. */
 static void one_that_is_late_for_too_long_is_killed(void **state)
 {
@@ -701,6 +723,7 @@ int main(int argc, char **argv)
         T(one_that_ends_is_there_again_unless_it_ends_each_time),
         T(one_that_is_killed_between_two_ticks_has_missed_none),
         T(one_that_is_killed_in_real_time_fails_until_it_is_there_again),
+        T(one_that_is_being_started_is_not_waited_for_at_the_end),
         T(one_that_is_late_for_too_long_is_killed),
         T(one_that_ends_while_it_is_late_has_ended),
         T(one_that_hangs_is_killed_and_not_asked_again),
