@@ -156,6 +156,19 @@ struct told {
     enum health_verdict *last; /* [n_loops] 0: nothing */
 };
 
+/* Of two at once each would tell what the other one tells. The claim ends with the store. */
+static int claim_telling(const struct cli *cli, struct apc_store *store)
+{
+    struct apc_sample telling = {.table = APC_TICK, .id = 0}; /* controllers count from 1 */
+    const int rc = apc_store_claim_set(store, &telling, 1);
+    return rc == APC_EBUSY ? cli_error(cli, rc,
+                                       "another apc monitor --notify is at work in this store (%s): wait for "
+                                       "its end",
+                                       apc_store_error(store))
+           : rc < 0        ? cli_store_error(cli, rc, store)
+                           : EXIT_OK;
+}
+
 /* "u: valve: the valve sticks ..." */
 static void name_health(const struct kpis_loop *l, enum health_verdict verdict, char *text, size_t size)
 {
@@ -240,8 +253,9 @@ static int monitor_store(const struct cli *cli, const struct monitor_options *o,
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
-    rc = window_of_store(m, store, from, to, &o->horizon, &why);
-    int status = rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+    int status = o->notify ? claim_telling(cli, store) : EXIT_OK;
+    if (status == EXIT_OK && (rc = window_of_store(m, store, from, to, &o->horizon, &why)) < 0)
+        status = cli_error(cli, rc, "%s", why.text);
     if (status == EXIT_OK && o->notify)
         status = tell_health(cli, store, m);
     apc_store_close(store);

@@ -47,6 +47,20 @@ diff - events <<'EVENTS' || fail "not each change once"
 warning,"u: valve: the valve sticks or has backlash: look after it before you tune"
 info,"u: good: nothing to mend shows in the record"
 EVENTS
+
+# Promise(analysis/one-teller): Of two `apc monitor --notify` at once the second one ends, and says why: no event comes twice.
+coproc "$APC_BUILD_DIR/tests/holds" sqlite:later.db tick 0
+holder=$COPROC_PID
+read -rt 120 <&"${COPROC[0]}"
+# Promise(analysis/one-teller)
+expect 4 'another apc monitor --notify is at work in this store .*: wait for its end' "$apc" monitor --store sqlite:later.db --notify
+"$apc" monitor --store sqlite:later.db --from 2000-01-01T00:00:00Z --to 2000-01-01T01:06:40Z >/dev/null # who only looks writes nothing
+eval "exec ${COPROC[1]}>&-"
+wait "$holder"
+tell --from 2000-01-01T01:06:40Z --to 2000-01-01T02:13:20Z
+told
+[ "$(grep -c valve events)" = 2 ] || fail "nothing is told when it has ended: $(cat events)"
+
 code=0
 "$apc" monitor well --notify >said 2>&1 || code=$?
 [ $code -eq 2 ] && grep -q 'without a run folder' said || fail "a run folder is written to: $(cat said)"
