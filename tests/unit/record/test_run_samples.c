@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "record/record.h"
@@ -437,6 +438,73 @@ static void a_record_without_rows_is_kept_and_read(void **state)
     free(csv);
 }
 
+static void flip_byte(const char *file, long at, int mask)
+{
+    FILE *const f = fopen(file, "r+");
+    int byte = EOF;
+
+    assert_non_null(f);
+    assert_int_equal(fseek(f, at, SEEK_SET), 0);
+    byte = getc(f);
+    assert_int_equal(fseek(f, at, SEEK_SET), 0);
+    assert_int_equal(putc(byte ^ mask, f), (byte ^ mask) & 0xff);
+    assert_int_equal(fclose(f), 0);
+}
+
+static void assert_samples_of(const char *csv, const char *columns, const struct apc_samples *want)
+{
+    struct apc_samples *const rows = calloc(1, sizeof *rows);
+
+    assert_non_null(rows);
+    assert_int_equal(apc_samples_read(rows, csv, columns, &why), 0);
+    assert_int_equal(rows->n, want->n);
+    assert_int_equal(rows->n_variables, want->n_variables);
+    assert_memory_equal(rows->time, want->time, want->n * sizeof *want->time);
+    assert_memory_equal(rows->value, want->value, want->n * sizeof *want->value);
+    assert_memory_equal(rows->variable, want->variable, want->n * sizeof *want->variable);
+    for (size_t i = 0; i < want->n; i++)
+        assert_int_equal(rows->code[rows->status[i]], want->code[want->status[i]]);
+    assert_memory_equal(rows->table, want->table, want->n_variables * sizeof *want->table);
+    assert_memory_equal(rows->id, want->id, want->n_variables * sizeof *want->id);
+    apc_samples_free(rows);
+}
+
+/*
+ * Promise(python): Whatever byte of `samples.columns` is damaged, and wherever it ends: the rows are those of
+ *   `samples.csv`.
+ */
+static void no_damage_of_the_columns_changes_a_row(void **state)
+{
+    struct apc_samples want = {0};
+    struct stat of;
+    (void)state;
+
+    scratch_write("samples.csv",
+                  HEADER "-0.5,sensor,1,Good,1.25\n0,actuator,2,Bad,-1e300\n1e9,sensor,1,Uncertain,3\n");
+    char *const csv = strdup(scratch_path("samples.csv")), *const columns =
+                                                               strdup(scratch_path("samples.columns"));
+    assert_true(csv && columns);
+    apc_samples_keep(csv, columns);
+    assert_int_equal(samples_csv_read(&want, csv, &why), 0);
+    assert_samples_of(csv, columns, &want);
+    assert_int_equal(stat(columns, &of), 0);
+    for (long at = 0; at < of.st_size; at++)
+        for (int mask = 1; mask < 256; mask = mask < 128 ? 2 * mask : mask + 127) {
+            flip_byte(columns, at, mask); /* each bit, and all of them */
+            assert_samples_of(csv, columns, &want);
+            flip_byte(columns, at, mask);
+        }
+    while (of.st_size > 0) {
+        assert_int_equal(truncate(columns, --of.st_size), 0);
+        assert_samples_of(csv, columns, &want);
+    }
+    samples_forget(&want);
+    remove(columns);
+    remove(csv);
+    free(columns);
+    free(csv);
+}
+
 /* A spreadsheet quotes fields and ends lines by \r\n; the columns in Python are the same. */
 static void a_file_from_a_spreadsheet_has_the_same_columns(void **state)
 {
@@ -487,6 +555,7 @@ int main(void)
         T(a_course_of_any_length_is_written_line_by_line),
         T(a_folder_without_a_course_has_that_of_its_samples),
         T(a_record_without_rows_is_kept_and_read),
+        T(no_damage_of_the_columns_changes_a_row),
         T(a_file_from_a_spreadsheet_has_the_same_columns),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -233,6 +233,25 @@ static void test_what_is_no_store_of_ours_is_refused_and_left_as_it_is(void **st
     apc_store_close(store);
 }
 
+/* Whatever byte of what never changes. */
+/* Promise(stores/shared-memory-user) */
+static void test_no_byte_of_the_constants_is_wrong_unseen(void **state)
+{
+    (void)state;
+    const int fd = open(path, O_RDWR);
+    for (size_t at = 0; at < sizeof(struct apc_shm_constants); at++) {
+        char byte;
+        assert_int_equal(pread(fd, &byte, 1, (off_t)at), 1);
+        assert_int_equal(pwrite(fd, &(char){(char)~byte}, 1, (off_t)at), 1);
+        struct apc_store *store = open_store();
+        assert_true(apc_store_connect(store) < 0);
+        assert_non_null(strstr(apc_store_error(store), path));
+        apc_store_close(store);
+        assert_int_equal(pwrite(fd, &byte, 1, (off_t)at), 1);
+    }
+    close(fd);
+}
+
 /* Promise(stores/shared-memory-user) */
 static void test_a_segment_of_another_version_or_machine_is_refused(void **state)
 {
@@ -899,6 +918,7 @@ int main(void)
         T(test_a_damaged_segment_is_said_to_be_one),
         T(test_a_damaged_lock_is_said_to_be_one),
         T(test_a_segment_of_another_version_or_machine_is_refused),
+        T(test_no_byte_of_the_constants_is_wrong_unseen),
         T(test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing),
         T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),
         T(test_it_holds_what_it_says_that_it_holds),

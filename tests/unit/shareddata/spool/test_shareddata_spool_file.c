@@ -354,6 +354,29 @@ static void test_a_damaged_header_sets_the_file_aside(void **state)
     apc_store_close(store);
 }
 
+/* Whatever byte of it: it is told with the file's name, or it changes nothing of what waits. */
+/* Promise(stores/spool-acknowledges) */
+static void test_no_byte_of_the_header_is_wrong_unseen(void **state)
+{
+    (void)state;
+    spool_three();
+    for (int at = 0; at < APC_SPOOL_HEADER; at++) {
+        struct apc_spool_info info = {.size = sizeof info};
+        struct apc_error why = {""};
+        const bool form = at < 12, texts = at >= 12 && at < 2128; /* and what is not in use, and the head */
+        flip(at);
+        assert_int_equal(apc_spool_look(spool, &info, &why), form ? APC_EINVAL : texts ? APC_EPROTO : 0);
+        if (form || texts) {
+            assert_non_null(strstr(why.text, spool));
+        } else {
+            assert_int_equal(info.stats.samples, 3);
+            assert_int_equal(info.stats.damaged, 0);
+            assert_string_equal(info.writer, "writer");
+        }
+        flip(at);
+    }
+}
+
 int main(void)
 {
 #define OFFLINE(test) cmocka_unit_test_setup_teardown(test, set_up, clear_folder)
@@ -369,6 +392,7 @@ int main(void)
         OFFLINE(test_damage_while_it_is_open_is_found_when_it_drains),
         OFFLINE(test_no_garbage_does_harm),
         OFFLINE(test_a_damaged_header_sets_the_file_aside),
+        OFFLINE(test_no_byte_of_the_header_is_wrong_unseen),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
