@@ -147,22 +147,122 @@ int simulation_watch(struct simulation *s, void (*watch)(void *ctx, apc_ns t), v
     return watch_at(s, s->e->plant.rhythm.phase) < 0 ? APC_ENOMEM : 0;
 }
 
-/* ---- A recorded past ------------------------------------------------------------------------ */
+/* ---- Ramps ---------------------------------------------------------------------------------- */
+
+static void say_of_simulated_ramp(void *ctx, enum apc_event_severity severity, const char *text)
+{
+    const struct simulated *c = ctx;
+    char source[APC_TAG_LEN];
+    controllers_program(c->s->e, c->of, source);
+    simulation_tell(c->s, source, severity, "ramp", "%s", text);
+}
+
+static void on_ramp_moved(void *ctx, const struct apc_sample *row)
+{
+    const struct simulated *c = ctx;
+    struct trajectory *of = &c->s->trajectory;
+    if (row->table == APC_SETPOINT)
+        trajectory_change(of, &of->setpoint[row->id - 1], simulation_time(c->s), row->value);
+}
+
+static int open_simulated_ramps(struct simulated *c)
+{
+    struct simulation *s = c->s;
+    s->view = (struct plant_view){.tag = s->tags, .n = s->n_tags, .loops = &s->loops};
+    return c->ramps.at ? 0 : ramps_init(&c->ramps, &s->view, loops_controller(&s->loops, c->of->name));
+}
+
+/* A controller that was killed moves none. */
+static int step_ramps(struct simulated *c)
+{
+    const struct ramp_told told = {.ctx = c, .say = say_of_simulated_ramp, .moved = on_ramp_moved};
+    const struct apc_now now = {.mono = apc_clock_mono(c->s->clock), .utc = apc_clock_utc(c->s->clock)};
+    return c->core ? ramps_step(&c->ramps, c->s->store, now, &told) : 0;
+}
+
+/* As often as the plant ticks, but for slow ones: a step makes up for a second at most. */
+static void on_ramps(void *ctx)
+{
+    struct simulation *s = ctx;
+    const apc_ns period = s->e->plant.rhythm.period;
+    int moving = 0;
+    for (size_t i = 0; i < s->e->n_controllers; i++) {
+        const int n = step_ramps(&s->controller[i]);
+        simulation_stop_at_store(s, n < 0 ? n : 0);
+        moving += n > 0;
+    }
+    s->on_ramps = moving > 0;
+    const apc_ns next = apc_clock_mono(s->clock) + (period < APC_NS_PER_S ? period : APC_NS_PER_S);
+    if (moving > 0 && apc_virtual_at(s->executive, next, RANK_RAMPS, on_ramps, s) < 0)
+        simulation_stop(s, APC_ENOMEM, "out of memory");
+}
+
+static void look_for_ramps(struct simulation *s)
+{
+    int rc = 0;
+    if (s->on_ramps)
+        return;
+    for (size_t i = 0; i < s->e->n_controllers && rc == 0; i++)
+        rc = open_simulated_ramps(&s->controller[i]);
+    if (rc == 0)
+        rc = apc_virtual_at(s->executive, apc_clock_mono(s->clock), RANK_RAMPS, on_ramps, s);
+    s->on_ramps = true;
+    if (rc < 0)
+        simulation_stop(s, APC_ENOMEM, "out of memory");
+}
+
+/* ---- What is repeated ----------------------------------------------------------------------- */
+
+void simulation_see_writes(struct simulation *s)
+{
+    for (size_t k = 0; k < s->e->dim.nz; k++) {
+        struct apc_sample newest = {.table = APC_SETPOINT, .id = (int)k + 1};
+        simulation_stop_at_store(s, apc_store_read(s->store, &newest, 1));
+        if (newest.seq > 0)
+            trajectory_change(&s->trajectory, &s->trajectory.setpoint[k], simulation_time(s), newest.value);
+    }
+    if (s->schedules)
+        simulation_look(s);
+    look_for_ramps(s);
+}
+
+/* A past is as it was recorded; what people wrote comes after what is there. */
+static int repeat_recorded_row(struct simulation *s, const struct apc_sample *row)
+{
+    struct apc_sample put = *row;
+    if (s->playback)
+        return apc_store_append(s->store, row, 1);
+    const int author = apc_store_author(s->store, "apc-simulate");
+    put.seq = APC_SEQ_ANY;
+    put.author = author > 0 ? (uint32_t)author : 0;
+    return author < 0 ? author : apc_store_put(s->store, &put, 1);
+}
 
 void simulation_repeat(void *ctx)
 {
     struct simulation *s = ctx;
-    const struct samples *rows = &s->playback->rows;
+    const struct samples *rows = s->repeats;
     const apc_ns now = apc_clock_utc(s->clock);
     for (; s->repeated < rows->n && rows->at[s->repeated].time <= now; s->repeated++) {
         const struct apc_sample *row = &rows->at[s->repeated];
-        simulation_stop_at_store(s, apc_store_append(s->store, row, 1));
-        if (row->table == APC_SETPOINT)
+        simulation_stop_at_store(s, repeat_recorded_row(s, row));
+        if (s->playback && row->table == APC_SETPOINT)
             trajectory_change(&s->trajectory, &s->trajectory.setpoint[row->id - 1], simulation_time(s),
                               row->value);
     }
+    if (!s->playback)
+        simulation_see_writes(s);
     if (s->repeated < rows->n &&
         apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,
                        simulation_repeat, s) < 0)
         simulation_stop(s, APC_ENOMEM, "out of memory");
+}
+
+int simulation_repeat_writes(struct simulation *s, const struct samples *rows)
+{
+    s->repeats = rows;
+    return rows->n == 0 || apc_virtual_at(s->executive, s->zero + rows->at[0].time - SIMULATION_BEGIN,
+                                          RANK_OPERATOR, simulation_repeat, s) >= 0
+               ? 0
+               : APC_ENOMEM;
 }

@@ -5,6 +5,7 @@
  * between them knows of real time: nothing that is computed does.
  */
 #include <math.h>
+#include <stdlib.h>
 #include <time.h>
 
 #include "simulation_internal.h"
@@ -23,27 +24,63 @@ struct pacer {
     apc_ns wall, plant; /* monotonic, and since t = 0 */
     double reached;     /* measured from then on: */
     apc_ns window_wall, window_plant;
-    bool young; /* the first such window, which counts as it grows */
+    bool young;          /* the first such window, which counts as it grows */
+    struct samples seen; /* of what people may write to: the newest when they last did, or at the start */
 };
 
 /* ---- What others wrote ---------------------------------------------------------------------- */
 
-static void take_written_setpoints(struct simulation *s)
+static bool is_peoples(enum apc_table table)
 {
-    for (size_t k = 0; k < s->e->dim.nz; k++) {
-        struct apc_sample newest = {.table = APC_SETPOINT, .id = (int)k + 1};
-        simulation_stop_at_store(s, apc_store_read(s->store, &newest, 1));
-        if (newest.seq > 0)
-            trajectory_change(&s->trajectory, &s->trajectory.setpoint[k], simulation_time(s), newest.value);
+    return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
+}
+
+/* Of each variable that people may write to what there is of it: table, id and seq. */
+static int list_written(struct apc_store *store, struct samples *list)
+{
+    const int n = apc_store_variables(store, NULL, 0);
+    struct apc_sample *at = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *at);
+    int rc = n < 0 ? n : at ? apc_store_variables(store, at, (size_t)n) : APC_ENOMEM;
+    for (int i = 0; i < n && rc >= 0; i++)
+        if (is_peoples(at[i].table))
+            rc = samples_add(list, &at[i]);
+    if (rc >= 0)
+        rc = apc_store_read(store, list->at, list->n);
+    free(at);
+    return rc < 0 ? rc : 0;
+}
+
+static int64_t seq_among(const struct samples *list, const struct apc_sample *variable)
+{
+    size_t i = 0;
+    while (i < list->n && (list->at[i].table != variable->table || list->at[i].id != variable->id))
+        i++;
+    return i < list->n ? list->at[i].seq : 0;
+}
+
+/* What the modules write in a tick is older than what comes after it. Of its variable it comes after what was there
+ * when the one before was kept, or at the start: who writes may have a clock of his own. */
+static int keep_written(struct pacer *p, apc_ns t)
+{
+    struct simulation *s = p->s;
+    struct samples now = {0};
+    const size_t had = s->written.n;
+    int rc = list_written(s->store, &now);
+    for (size_t i = 0; i < now.n && rc == 0; i++) {
+        const struct apc_range range = {.since = t > 0 ? apc_clock_utc(s->clock) + 1 : 0,
+                                        .after = seq_among(&p->seen, &now.at[i])};
+        rc = samples_collect_one(&s->written, s->store, now.at[i].table, now.at[i].id, &range);
     }
+    for (size_t i = had; i < s->written.n; i++)
+        s->written.at[i].time = SIMULATION_BEGIN + t;
+    samples_free(&p->seen);
+    p->seen = now;
+    return rc;
 }
 
 static void on_written(void *ctx)
 {
-    struct simulation *s = ctx;
-    take_written_setpoints(s);
-    if (s->schedules)
-        simulation_look(s);
+    simulation_see_writes(ctx);
 }
 
 /* ---- A tick --------------------------------------------------------------------------------- */
@@ -60,7 +97,7 @@ static int make_paced_tick(struct pacer *p, apc_ns t, apc_ns end)
     struct simulation *s = p->s;
     const apc_ns next = next_plant_tick(s, t);
     const int64_t written = apc_store_begin_tick(s->store);
-    simulation_stop_at_store(s, written < 0 ? (int)written : 0);
+    simulation_stop_at_store(s, written < 0 ? (int)written : written > 0 ? keep_written(p, t) : 0);
     if (written > 0)
         simulation_happen(s, on_written, s);
     simulation_run(s, apc_ns_to_s(next < end ? next : end));
@@ -147,9 +184,11 @@ int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx),
     (void)apc_ns_from_s(s->ended, &t);
     begin_at_speed(&p, 0, wall, t);
     p.window_plant = t;
+    simulation_stop_at_store(s, list_written(s->store, &p.seen));
     while (s->rc == 0 && !s->interrupted && t < end && wait_for_turn(&p, t)) {
         make_paced_tick(&p, t, end);
         (void)apc_ns_from_s(s->ended, &t);
     }
+    samples_free(&p.seen);
     return s->rc;
 }

@@ -47,7 +47,8 @@ static void stop_at_failure(struct simulation *s, int rc)
 void simulation_stop_at_store(struct simulation *s, int rc)
 {
     if (rc < 0)
-        simulation_stop(s, rc, "at t = %g s: %s", simulation_time(s), apc_store_error(s->store));
+        simulation_stop(s, rc, "at t = %g s: %s", simulation_time(s),
+                        rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(s->store));
 }
 
 static void record_simulated_event(struct simulation *s, const char *source, struct apc_event *event)
@@ -596,8 +597,10 @@ static int make_simulation(struct simulation *s, struct apc_error *why)
     if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
         (rc = make_simulated_alarms(s, why)) < 0)
         return rc;
-    if (s->playback)
+    if (s->playback) {
+        s->repeats = &s->playback->rows;
         simulation_repeat(s);
+    }
     return make_tasks(s, seed, why);
 }
 
@@ -648,6 +651,7 @@ void simulation_destroy(struct simulation *s)
     for (size_t i = 0; s->controller && i < s->e->n_controllers; i++) {
         apc_controller_destroy(s->controller[i].core);
         apc_store_close(s->controller[i].store);
+        ramps_free(&s->controller[i].ramps);
     }
     apc_plantserver_destroy(s->server);
     apc_plant_destroy(s->plant);
@@ -661,4 +665,5 @@ void simulation_destroy(struct simulation *s)
     free(s->action_steps);
     free(s->tags);
     loops_free(&s->loops);
+    samples_free(&s->written);
 }

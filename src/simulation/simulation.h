@@ -32,6 +32,7 @@ struct simulated {
     bool ticks;                  /* its tick has begun, and what it made is to take effect */
     bool holds;                  /* an output of its is not the law's */
     uint64_t held, failures;     /* ticks at which that was so; of the law, until it was killed */
+    struct ramps ramps;          /* that people asked for; at NULL: nobody has written anything yet */
 };
 
 /* Made by simulation_create(), to be read by anyone. */
@@ -54,8 +55,11 @@ struct simulation {
     apc_ns step_began;               /* mono, then */
     bool schedules;                  /* it has */
     const struct playback
-        *playback;             /* what a run in real time did until it goes on; NULL: all is simulated */
-    size_t repeated;           /* rows of it */
+        *playback; /* what a run in real time did until it goes on; NULL: all is simulated */
+    const struct samples
+        *repeats;              /* its rows, or those of simulation_repeat_writes(); NULL: there are none */
+    size_t repeated;           /* of them */
+    struct samples written;    /* by people, since t = 0, at the time from which on each is in effect */
     struct apc_alarms *alarms; /* NULL: there are none */
     struct apc_store *store;   /* mem:, a name of its own; or shm:, shared */
     char uri[256];
@@ -73,6 +77,8 @@ struct simulation {
     struct loops loops;
     struct apc_tag *tags; /* [n_tags] of the experiment's variables */
     size_t n_tags;
+    struct plant_view view; /* of these, for ramps */
+    bool on_ramps;          /* something is on its way */
     bool link_down;
     bool *outside; /* [ny] measurements that are beyond their ranges */
 
@@ -132,6 +138,9 @@ int simulation_stream(struct simulation *s, double until, simulation_take_fn *ta
 int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,
                              struct apc_error *why);
 int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx), void *ctx);
+/* What people wrote in another run of it, as simulation.written has it, each at its time and before all else of that
+ * instant. Of a simulation that has not begun; @rows outlive it. Returns 0 or APC_ENOMEM. */
+int simulation_repeat_writes(struct simulation *s, const struct samples *rows);
 /*
  * From now on the experiment is @p e, of which those actions happen that are to come; the one before must
  * have had none to come. Both have to outlive the simulation. Controllers that are others go on as daemons do

@@ -10,6 +10,7 @@
 enum rank {
     RANK_CLOCK,
     RANK_OPERATOR,
+    RANK_RAMPS,
     RANK_SCHEDULER,
     RANK_PLANT,
     RANK_LINK,
@@ -32,7 +33,9 @@ void simulation_tell(struct simulation *s, const char *source, enum apc_event_se
 /* ---- external_events.c */
 
 int simulation_schedule_clock(struct simulation *s);
-/* Of a recorded past, each row at its time. */
+/* Of what is repeated each row at its time. */
 void simulation_repeat(void *simulation);
+/* What others wrote is seen by those who are not told of it: the trajectory, the scheduler, who moves ramps. */
+void simulation_see_writes(struct simulation *s);
 
 #endif

@@ -95,7 +95,8 @@ static const char *const kept[] = {"run.conf", "plant.so", "plant.fmu",
                                    "plant.py"}; /* and the laws: kept_file() */
 static const char *const exported[] = {"samples.csv",   COLUMNS_FILE,         "plant.csv",   TICKS_FILE,
                                        "operation.csv", "published.csv",      "signals.csv", "events.csv",
-                                       "timing.csv",    "timing-summary.csv", "report.svg",  "report.png"};
+                                       "timing.csv",    "timing-summary.csv", "report.svg",  "report.png",
+                                       WRITTEN_FILE};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 #define NEW          ".new"
 
@@ -628,6 +629,37 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
 
 /* ---- What its file does not say ------------------------------------------------------------ */
 
+/* Whose run.conf it is; false: it is no run's. */
+static bool dir_of_run(const struct experiment *e, char dir[sizeof e->file])
+{
+    const char *slash = strrchr(e->file, '/'), *name = slash ? slash + 1 : e->file;
+    snprintf(dir, sizeof e->file, "%.*s", slash ? (int)(slash - e->file) : 1, slash ? e->file : ".");
+    return !strcmp(name, "run.conf");
+}
+
+int folder_put_written(const char *dir, const struct samples *written, apc_ns start, struct apc_error *why)
+{
+    return put_samples_files(dir, WRITTEN_FILE, written, start, why);
+}
+
+int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why)
+{
+    const struct rhythm *tick = &e->plant.rhythm;
+    char dir[sizeof e->file], path[PATH_LEN];
+    *written = (struct samples){0};
+    if (!dir_of_run(e, dir))
+        return 0;
+    path_in_folder(dir, WRITTEN_FILE, "", path);
+    const int rc = access(path, F_OK) == 0 ? samples_read(written, dir, WRITTEN_FILE, why) : 0;
+    for (size_t i = 0; i < written->n; i++) { /* the file has whole microseconds */
+        apc_ns *t = &written->at[i].time;
+        *t = *t < tick->phase / 2
+                 ? 0
+                 : tick->phase + (*t - tick->phase + tick->period / 2) / tick->period * tick->period;
+    }
+    return rc;
+}
+
 /* Of the file's actions, which it does say. */
 static unsigned long long count_actions(const struct experiment *e, bool tuning)
 {
@@ -647,9 +679,8 @@ unsigned long long folder_operated(const struct experiment *e, bool tuning)
     struct apc_error why;
     char dir[sizeof e->file];
     unsigned long long n = 0;
-    if (!e->start)
+    if (!e->start || !dir_of_run(e, dir))
         return 0;
-    snprintf(dir, sizeof dir, "%.*s", (int)(strlen(e->file) - strlen("run.conf")), e->file);
     if (samples_read(&operation, dir, "operation.csv", &why) == 0)
         for (size_t i = 0; i < operation.n; i++) {
             const struct apc_sample *s = &operation.at[i];

@@ -2,7 +2,7 @@
 /*
  * A run folder, the whole record of a run: run.conf (the experiment file as it was), record.conf (what was
  * in force beside it: experiment/experiment.h), law.so and plant.so (plant.fmu) when they were no built-in ones;
- * samples.csv, samples.columns, ticks.db, operation.csv, signals.csv, events.csv, timing.csv and
+ * samples.csv, samples.columns, ticks.db, operation.csv, written.csv, signals.csv, events.csv, timing.csv and
  * timing-summary.csv; one log a daemon, report.svg and report.png. docs/run-folder.md describes them.
  */
 #ifndef APC_FOLDER_H
@@ -51,6 +51,15 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
 
 /* Make samples.columns of samples.csv: what Python reads faster. Where it cannot be there is none. */
 void folder_columns(const char *dir);
+
+#define WRITTEN_FILE "written.csv"
+
+/* What people wrote to a simulated plant, each row at the tick at which it took effect. Returns 0 or an error. */
+struct samples;
+int folder_put_written(const char *dir, const struct samples *written, apc_ns start, struct apc_error *why);
+/* That of the run whose folder @p e is of, times since its t = 0; none where it has no such file. Returns 0 or an error;
+ * samples_free() in either case. */
+int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why);
 
 /* Rows of modes, tuning and manual outputs, or of tuning alone, that an operator wrote in the run whose folder
  * @p e is of: what a computation from its file leaves out. */

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "apc/common/speed.h"
+#include "apc/folder/folder.h"
 #include "common/storeuri.h"
 #include "run.h"
 #include "simulation/simulation.h"
@@ -93,8 +94,12 @@ void run_simulated(struct run *r, const sigset_t *signals)
         fail_simulated(&v, rc, "", why.text);
     else if (simulation_pace(&v.s, until, look_after, &v) < 0 && !r->failure.text[0])
         r->failure = v.s.why;
-    if (rc == 0)
+    if (rc == 0) {
         say_time(&v);
+        rc = folder_put_written(r->dir, &v.s.written, SIMULATION_BEGIN, &why);
+        if (rc < 0 && !r->failure.text[0])
+            fail_simulated(&v, rc, "", why.text);
+    }
     (void)apc_ns_from_s(v.s.ended, &r->stopped);
     if (v.terminal)
         putchar('\n');

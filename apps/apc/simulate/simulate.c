@@ -158,8 +158,9 @@ struct simulate {
     struct experiment e;
     struct simulation s;
     struct samples samples;
-    char hash[65]; /* of the samples, in hex digits */
-    FILE *talk;    /* where the summary goes: stdout, unless the samples go there */
+    struct samples written; /* by people, in the run of apc run --speed that is simulated again */
+    char hash[65];          /* of the samples, in hex digits */
+    FILE *talk;             /* where the summary goes: stdout, unless the samples go there */
 };
 
 static int refuse_simulation(const struct simulate *r, int rc, const struct apc_error *why)
@@ -380,6 +381,8 @@ static int leave_simulation_report(const struct simulate *r)
 {
     struct apc_error why;
     int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
+    if (rc == 0 && r->written.n > 0)
+        rc = folder_put_written(r->options.report, &r->written, SIMULATION_BEGIN, &why);
     if (rc < 0)
         return refuse_simulation(r, rc, &why);
     rc = report_leave(&r->cli, r->options.report, &r->e, r->e.title, NULL, &why);
@@ -395,7 +398,10 @@ static void tell_operation(const struct simulate *r)
 {
     const unsigned long long n = folder_operated(&r->e, false);
 
-    if (n > 0)
+    if (r->written.n > 0)
+        fprintf(r->talk, "what people wrote in that run is written again at the same ticks: %zu values\n",
+                r->written.n);
+    else if (n > 0)
         fprintf(
             r->talk,
             "in that run an operator changed modes, tuning or outputs %llu times: a simulation does not, apc "
@@ -416,11 +422,25 @@ static int make_alarm_figures(const struct simulate *r, struct alarm_figures *al
     return rc;
 }
 
-static int put_simulation_figures(const struct simulate *r)
+/* Ramps that people asked for are events of the figures. */
+static int add_ramps(struct simulate *r)
 {
-    struct figures figures;
+    const struct apc_range all = {0};
+    struct samples operation = {0};
+    const int rc = r->written.n > 0 ? samples_collect_operation(&operation, r->s.store, &r->e, &all) : 0;
+    if (rc == 0)
+        trajectory_add_ramps(&r->s.trajectory, &operation, SIMULATION_BEGIN);
+    samples_free(&operation);
+    return rc < 0 || r->s.trajectory.failed ? APC_ENOMEM : 0;
+}
+
+static int put_simulation_figures(struct simulate *r)
+{
+    struct figures figures = {0};
     struct alarm_figures alarms;
-    int rc = figures_make(&figures, &r->s.trajectory, &r->e);
+    int rc = add_ramps(r);
+    if (rc == 0)
+        rc = figures_make(&figures, &r->s.trajectory, &r->e);
     const int made = make_alarm_figures(r, &alarms);
     rc = rc < 0 ? rc : made;
     if (rc == 0 && r->options.json)
@@ -487,6 +507,19 @@ static int run_for_report(struct simulate *r, struct sink *sink)
     return ended < 0 ? ended : rc;
 }
 
+/* Of the run of apc run --speed whose folder it is what people did. */
+static int create_simulation(struct simulate *r, struct apc_error *why)
+{
+    int rc = folder_written(&r->e, &r->written, why);
+    for (size_t i = 0; i < r->written.n; i++)
+        r->written.at[i].time += SIMULATION_BEGIN;
+    if (rc == 0)
+        rc = simulation_create(&r->s, &r->e, r->options.seed, why);
+    if (rc == 0 && (rc = simulation_repeat_writes(&r->s, &r->written)) < 0)
+        apc_fail(why, rc, "out of memory");
+    return rc;
+}
+
 static int simulate_once(struct simulate *r)
 {
     struct apc_error why;
@@ -498,8 +531,7 @@ static int simulate_once(struct simulate *r)
     r->options.seed = from ? r->options.from.was.seed : r->options.seed;
     running = &r->s;
     catch_simulate_signals();
-    rc = from ? whatif_begin(&r->options.from, &r->s, &r->e, &why)
-              : simulation_create(&r->s, &r->e, r->options.seed, &why);
+    rc = from ? whatif_begin(&r->options.from, &r->s, &r->e, &why) : create_simulation(r, &why);
     if (rc < 0)
         return refuse_simulation(r, rc, &why);
     struct sink sink;
@@ -632,6 +664,7 @@ int command_simulate(int argc, char **argv)
     simulation_destroy(&r.s);
     whatif_free(&r.options.from);
     samples_free(&r.samples);
+    samples_free(&r.written);
     experiment_free(&r.e);
     return cli_done(&r.cli, exit_code_of(rc));
 }

@@ -17,12 +17,19 @@ begin() {
   until_true 20 "$apc" speed --store "$store"
 }
 speed() { "$apc" speed --store "$store" "$@"; }
+# made: the ticks that were asked for
+made() { speed --json | grep -q '"steps":0'; }
 # past SECONDS: the plant's time is
 past() { speed --json | awk -F '[:,]' -v least="$1" '{ exit !($2 - 946684800 >= least) }'; }
 # simulated ACTIONS: the digest of the simulation in which the file says what people did
 simulated() {
   { cat "$file" && echo "actions = ( $1 );"; } >"$work/acts.conf"
   "$apc" simulate "$work/acts.conf" --duration 60 | sed -n 's/^sha256: *//p'
+}
+
+# again DIR: the run in that folder is simulated once more, what people wrote with it
+again() {
+  [ "$(digest "$1/samples.csv")" = "$("$apc" simulate "$1" | sed -n 's/^sha256: *//p')" ] || fail "the simulation of $1 is another"
 }
 
 # The same writes at the same ticks, at three speeds, are what the simulation with those actions is.
@@ -69,7 +76,6 @@ told() {
 }
 # Promise(server/speed): POST /api/speed pauses a simulated plant, makes ticks of it and changes its speed; what it cannot do is
 #   refused with the reason.
-made() { speed --json | grep -q '"steps":0'; }
 told '"asked":0,"reached":0,"steps":[0-9]+,"error":null} 200' '{"speed":0,"steps":2}'
 until_true 60 made
 ticked=$(speed --json | sed 's/.*"t":\([0-9.]*\),.*/\1/')
@@ -89,6 +95,44 @@ awk -v at="$at" 'BEGIN { ticks = at / 0.2; exit !(at >= 5 && ticks - int(ticks +
   fail "$at s is no tick of the plant"
 [ "$(digest "$work/going/samples.csv")" = "$(simulated "{ at = $at; set = \"r\"; value = 12.0; }")" ] ||
   fail "the simulation with the write at $at s is another"
+
+again "$work/going"
+
+# A ramp moves in virtual time too, of a setpoint and of an output in Man, and ends when anybody writes.
+# Promise(run/session): apc simulate RUN of a run of apc run --speed writes what people wrote at the same ticks, modes, tuning,
+#   ramps and undone writes among them: the samples are the same, bit for bit.
+begin session --no-ui
+expect 0 '' "$apc" set --store "$store" r 12 # before the first tick
+speed step 12
+expect 0 '' "$apc" set --store "$store" r 8 --over 4
+speed step 40
+until_true 20 made
+expect 0 ' 8 ' "$apc" get --store "$store" r
+expect 0 '' "$apc" mode --store "$store" man --no-wait
+expect 0 '' "$apc" set --store "$store" u 3 --over 10 --no-wait
+speed step 20
+until_true 20 made
+expect 0 '' "$apc" mode --store "$store" auto --no-wait
+expect 0 '' "$apc" tune --store "$store" --no-wait Kp=0.3
+expect 0 '' "$apc" set --store "$store" r 20 --over 20
+speed step 20
+until_true 20 made
+expect 0 '' "$apc" set --store "$store" r 9
+expect 0 '' "$apc" undo --store "$store"
+speed max
+wait $pid || fail "exit code $?"
+grep -q 'r: the ramp arrived at 8"' "$work/session/events.csv" || fail "the ramp did not arrive"
+! grep -q 'r: the ramp arrived at 20' "$work/session/events.csv" || fail "somebody wrote to a setpoint on a ramp, and it went on"
+[ "$(awk -F, '$2 == "setpoint" && $3 == 1' "$work/session/samples.csv" | wc -l)" -gt 20 ] || fail "the setpoint made no steps"
+again "$work/session"
+expect 0 'r 12 -> 8 in 4 s' "$apc" simulate "$work/session"
+# What was simulated of it has it too; with another gain the same is done to another loop.
+expect 0 '' "$apc" simulate "$work/session" --report "$work/copy"
+again "$work/copy"
+expect 0 'written again at the same ticks' "$apc" simulate "$work/session" --set controller.Kp=0.2
+cp -r "$work/session" "$work/torn"
+head -c 60 "$work/session/written.csv" >"$work/torn/written.csv"
+expect 1 'written.csv' "$apc" simulate "$work/torn"
 
 # Once it has been killed, nothing shows it as one that lives: its time is not followed, and nothing is written for it.
 # killed X: one that ran at that speed, and was killed
