@@ -194,8 +194,9 @@ static int make_parts(struct ui *ui, struct apc_error *why)
         rc = sessions_init(&ui->sessions, (apc_ns)(idle * 1e9), LIFE);
     if (rc == 0)
         rc = backoff_init(&ui->backoff);
-    if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0 ||
-                    desks_init(ui->desk) < 0 || listing_init(&ui->listing) < 0))
+    if (rc == 0 &&
+        (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0 ||
+         desks_init(ui->desk) < 0 || listing_init(&ui->listing) < 0 || verdicts_init(&ui->verdicts) < 0))
         rc = APC_ESYS;
     struct duration_stats *stats[] = {&ui->reads, &ui->stores, &ui->lag};
     for (size_t i = 0; i < 3 && rc == 0; i++)
@@ -217,6 +218,7 @@ static void free_parts(struct ui *ui)
     audit_free(&ui->audit);
     desks_free(ui->desk);
     listing_free(&ui->listing);
+    verdicts_free(&ui->verdicts);
     files_free(ui->files);
     model_free(&ui->model);
 }

@@ -27,6 +27,7 @@ const struct route routes[] = {
     {"GET", "/api/alarms/trial", ROLE_OBSERVER, COMPUTED, get_alarm_trial, "alarm since until",
      "what other settings of an alarm would have given"},
     {"GET", "/api/kpis", ROLE_OBSERVER, PAST, get_kpis, "since until", "what the controllers were worth"},
+    {"GET", "/api/health", ROLE_OBSERVER, COMPUTED, get_health, "since until", "which loops need somebody"},
     {"GET", "/api/why", ROLE_OBSERVER, COMPUTED, get_why, "output at over", "why an output moved"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
     {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},

@@ -188,6 +188,22 @@ struct listing {
 int listing_init(struct listing *listing);
 void listing_free(struct listing *listing);
 
+/* ---- api/api_health.c ---- */
+/* What was judged of the loops, in the windows that were asked for last. */
+struct judged;
+struct verdicts {
+    struct judged *kept; /* of the thread that computes alone */
+    pthread_mutex_t mutex;
+    struct loop_verdict {
+        char name[APC_TAG_LEN];
+        const char *health;
+    } * loop; /* [n] of the newest window that is complete */
+    size_t n;
+    apc_ns until; /* its end, UTC; 0: there is none */
+};
+int verdicts_init(struct verdicts *verdicts);
+void verdicts_free(struct verdicts *verdicts);
+
 struct ui {
     struct ui_options options;
     struct apc_log *log;
@@ -215,6 +231,7 @@ struct ui {
     struct audit audit;
     struct desk desk[DESKS];
     struct listing listing;
+    struct verdicts verdicts;
 };
 
 /* ---- server/ui.c ---- */

@@ -138,7 +138,8 @@ const char *health_words(enum health_verdict verdict); /* what it means, and wha
 /* Shares are of the window, 0 to 1. NAN: there is no such figure. */
 struct kpis_loop {
     char name[APC_TAG_LEN];
-    int id;         /* of its target, in table opmode */
+    int id;             /* of its target, in table opmode */
+    apc_ns from, until; /* what was on record; the same: nothing */
     double service; /* in Auto or Cas with its law's own answer: neither held, nor at its fault value, nor the
                        backup law's, nor gone */
     double low, high;     /* its output stood at that limit */
@@ -199,8 +200,20 @@ int kpis_make(struct kpis *m, const struct kpis_source *source);
 /* Of a store's history, t in UTC, as far as there is a record. Returns 0, APC_ENOTFOUND (no loops are
  * described, or nothing was recorded), APC_ERANGE (it takes more than @p most rows), APC_ENOMEM or the
  * store's error; kpis_free() in either case. */
-int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
-                  size_t most);
+int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most);
+
+struct health_asked {
+    double horizon; /* of health_series */
+    size_t newest;  /* rows of each variable that are looked at, at most; 0: all */
+    apc_ns give_up; /* monotonic: then no further loop is begun */
+};
+/* The health of a store's loops from m->from until m->until, one after another: m->n_loops of them have been
+ * judged before, at first none, of the same catalogue. Returns how many are left, APC_ENOTFOUND (no loops are
+ * described), APC_ENOMEM or the store's error; kpis_free() in either case. */
+int health_of_store(struct kpis *m, struct apc_store *store, const struct health_asked *asked);
+bool kpis_on_record(const struct kpis *m); /* is any of its loops? */
+/* The worst first. */
+void kpis_sort_by_health(struct kpis *m);
 void kpis_free(struct kpis *m);
 
 #endif

@@ -126,7 +126,9 @@ static void pass_loop_rows(struct watch *w, const struct samples *process, const
 static struct kpis_loop kpis_of_loop(const struct watch *w)
 {
     const double whole = apc_ns_to_s(w->until - w->from);
-    struct kpis_loop m = {.service = whole > 0 && w->told ? w->service / whole : none,
+    struct kpis_loop m = {.from = w->from,
+                          .until = w->until,
+                          .service = whole > 0 && w->told ? w->service / whole : none,
                           .low = whole > 0 ? w->at[0] / whole : none,
                           .high = whole > 0 ? w->at[1] / whole : none,
                           .with = standard_deviation(&w->with),
@@ -139,27 +141,31 @@ static struct kpis_loop kpis_of_loop(const struct watch *w)
     return m;
 }
 
+static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t i)
+{
+    const struct loops_loop *const loop = &s->loops->at[i];
+    const apc_ns period = s->loops->controller[loop->controller].period;
+    struct stretch stretch = {.period = period, .follows = loop->above >= 0};
+    struct watch w = {.loop = loop,
+                      .from = s->from,
+                      .until = s->until,
+                      .t = s->from,
+                      .patience = row_patience(period),
+                      .setpoint = none,
+                      .measurement = none,
+                      .stretch = s->horizon ? &stretch : NULL};
+    pass_loop_rows(&w, s->process, s->operation);
+    *to = kpis_of_loop(&w);
+    return s->horizon ? stretch_judge(&stretch, to->low + to->high, *s->horizon, &to->health) : 0;
+}
+
 static int judge_loops(struct kpis *m, const struct kpis_source *s)
 {
-    const struct loops *loops = s->loops;
     int rc = 0;
-    m->loop = calloc(loops->n + 1, sizeof *m->loop);
-    for (size_t i = 0; i < loops->n && m->loop && rc == 0; i++) {
-        const apc_ns period = loops->controller[loops->at[i].controller].period;
-        struct stretch stretch = {.period = period, .follows = loops->at[i].above >= 0};
-        struct watch w = {.loop = &loops->at[i],
-                          .from = s->from,
-                          .until = s->until,
-                          .t = s->from,
-                          .patience = row_patience(period),
-                          .setpoint = none,
-                          .measurement = none,
-                          .stretch = s->horizon && period > 0 ? &stretch : NULL};
-        pass_loop_rows(&w, s->process, s->operation);
-        struct kpis_loop *const loop = &m->loop[m->n_loops++];
-        *loop = kpis_of_loop(&w);
-        if (s->horizon && w.stretch)
-            rc = stretch_judge(&stretch, loop->low + loop->high, *s->horizon, &loop->health);
+    m->loop = calloc(s->loops->n + 1, sizeof *m->loop);
+    while (m->loop && m->n_loops < s->loops->n && rc == 0) {
+        rc = judge_loop(&m->loop[m->n_loops], s, m->n_loops);
+        m->n_loops++;
     }
     return m->loop ? rc : APC_ENOMEM;
 }
@@ -325,6 +331,8 @@ int kpis_make(struct kpis *m, const struct kpis_source *source)
 struct gathering {
     struct samples *to;
     size_t most;
+    size_t newest; /* of each variable only so many; 0: all */
+    apc_ns from;   /* where those begin, if some have been left out */
     int rc;
 };
 
@@ -339,10 +347,13 @@ static int gather_loop_row(void *ctx, const struct apc_sample *row)
 static int gather_variable(struct gathering *g, const struct kpis_source *s, enum apc_table table, int id)
 {
     const struct apc_range before = {.until = s->from, .last = 1},
-                           range = {.since = s->from, .until = s->until};
+                           range = {.since = s->from, .until = s->until, .last = g->newest};
     int rc = s->from > 0 ? apc_store_history(s->published, table, id, &before, gather_loop_row, g) : 0;
+    const size_t first = g->to->n;
     if (rc >= 0 && g->rc == 0)
         rc = apc_store_history(s->published, table, id, &range, gather_loop_row, g);
+    if (g->newest > 0 && g->to->n - first == g->newest && g->to->at[first].time > g->from)
+        g->from = g->to->at[first].time;
     return g->rc < 0 ? g->rc : rc < 0 ? rc : 0;
 }
 
@@ -364,43 +375,132 @@ static int gather_all(const struct kpis_source *s, struct samples *process, stru
     return rc;
 }
 
-/* What there is no record of is no time out of service. */
+/* What there is no record of is no time out of service. False: nothing is. */
+static bool clip_to_record(struct kpis_source *s)
+{
+    const struct samples *const rows = s->process;
+    if (rows->n > 0 && rows->at[0].time > s->from)
+        s->from = rows->at[0].time;
+    if (rows->n > 0 && rows->at[rows->n - 1].time < s->until)
+        s->until = rows->at[rows->n - 1].time + 1;
+    return rows->n > 0 && s->from < s->until;
+}
+
 static int make_of_store(struct kpis *m, struct kpis_source s, size_t most)
 {
     struct samples process = {0}, operation = {0};
     int rc = gather_all(&s, &process, &operation, most);
     s.process = &process;
     s.operation = &operation;
-    if (process.n > 0 && process.at[0].time > s.from)
-        s.from = process.at[0].time;
-    if (process.n > 0 && process.at[process.n - 1].time < s.until)
-        s.until = process.at[process.n - 1].time + 1;
     if (rc == 0)
-        rc = process.n > 0 && s.from < s.until ? kpis_make(m, &s) : APC_ENOTFOUND;
+        rc = clip_to_record(&s) ? kpis_make(m, &s) : APC_ENOTFOUND;
     samples_free(&operation);
     samples_free(&process);
     return rc;
 }
 
-int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
-                  size_t most)
+/* What a store says of its loops; they are to be freed, and the tags, in either case. */
+static int source_load(struct kpis_source *s, struct loops *loops, struct apc_tag **tag)
 {
-    struct loops loops = {0};
-    struct kpis_source s = {
-        .loops = &loops, .published = store, .from = from, .until = until, .horizon = horizon};
-    int n = apc_store_get_tags(store, NULL, 0);
-    struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
-    int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;
-    *m = (struct kpis){.from = from, .until = until};
-    s.tag = tag;
-    s.n_tags = (size_t)(rc < 0 ? 0 : rc < n ? rc : n);
+    const int n = apc_store_get_tags(s->published, NULL, 0);
+    *loops = (struct loops){0};
+    *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof **tag);
+    int rc = n < 0 ? n : *tag ? apc_store_get_tags(s->published, *tag, (size_t)n) : APC_ENOMEM;
+    s->loops = loops;
+    s->tag = *tag;
+    s->n_tags = (size_t)(rc < 0 ? 0 : rc < n ? rc : n);
     if (rc >= 0)
-        rc = loops_load(&loops, store, tag, s.n_tags);
+        rc = loops_load(loops, s->published, *tag, s->n_tags);
+    return rc == 0 && loops->n == 0 ? APC_ENOTFOUND : rc;
+}
+
+int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most)
+{
+    struct loops loops;
+    struct apc_tag *tag;
+    struct kpis_source s = {.published = store, .from = from, .until = until};
+    *m = (struct kpis){.from = from, .until = until};
+    int rc = source_load(&s, &loops, &tag);
     if (rc == 0)
-        rc = loops.n > 0 ? make_of_store(m, s, most) : APC_ENOTFOUND;
+        rc = make_of_store(m, s, most);
     loops_free(&loops);
     free(tag);
     return rc;
+}
+
+/* ---- The health of a store's loops -------------------------------------------------------- */
+
+static int judge_loop_of_store(struct kpis_loop *to, struct kpis_source s, size_t i, size_t newest)
+{
+    const struct loops_loop *const l = &s.loops->at[i];
+    struct samples process = {0}, operation = {0};
+    struct gathering g = {.to = &process, .most = SIZE_MAX, .newest = newest, .from = s.from},
+                     modes = {.to = &operation, .most = SIZE_MAX};
+    int rc = l->table ? gather_variable(&g, &s, l->table, l->output) : 0;
+    if (rc == 0 && l->measurement)
+        rc = gather_variable(&g, &s, APC_SENSOR, l->measurement);
+    if (rc == 0 && l->setpoint)
+        rc = gather_variable(&g, &s, APC_SETPOINT, l->setpoint);
+    if (rc == 0)
+        rc = gather_variable(&modes, &s, APC_ACTUAL, apc_variable_number(APC_OPMODE, l->id));
+    samples_sort(&process);
+    samples_sort(&operation);
+    s.process = &process;
+    s.operation = &operation;
+    s.from = g.from;
+    if (rc == 0 && !clip_to_record(&s))
+        s.from = s.until;
+    if (rc == 0)
+        rc = judge_loop(to, &s, i);
+    samples_free(&operation);
+    samples_free(&process);
+    return rc;
+}
+
+int health_of_store(struct kpis *m, struct apc_store *store, const struct health_asked *asked)
+{
+    struct loops loops;
+    struct apc_tag *tag;
+    struct kpis_source s = {
+        .published = store, .from = m->from, .until = m->until, .horizon = &asked->horizon};
+    const size_t first = m->n_loops;
+    int rc = source_load(&s, &loops, &tag);
+    struct kpis_loop *const loop = rc == 0 ? reallocarray(m->loop, loops.n, sizeof *loop) : NULL;
+    if (loop)
+        m->loop = loop;
+    else if (rc == 0)
+        rc = APC_ENOMEM;
+    while (rc == 0 && m->n_loops < loops.n &&
+           (m->n_loops == first || apc_clock_mono(NULL) < asked->give_up)) {
+        rc = judge_loop_of_store(&m->loop[m->n_loops], s, m->n_loops, asked->newest);
+        m->n_loops += rc == 0;
+    }
+    const size_t left = loops.n > m->n_loops ? loops.n - m->n_loops : 0;
+    loops_free(&loops);
+    free(tag);
+    return rc < 0 ? rc : (int)left;
+}
+
+bool kpis_on_record(const struct kpis *m)
+{
+    size_t i = 0;
+    while (i < m->n_loops && m->loop[i].from == m->loop[i].until)
+        i++;
+    return i < m->n_loops;
+}
+
+static int by_health(const void *left, const void *right)
+{
+    const struct health *a = &((const struct kpis_loop *)left)->health,
+                        *b = &((const struct kpis_loop *)right)->health;
+    if (a->verdict != b->verdict)
+        return a->verdict < b->verdict ? -1 : 1;
+    return (a->index > b->index) - (a->index < b->index);
+}
+
+void kpis_sort_by_health(struct kpis *m)
+{
+    qsort(m->loop, m->n_loops, sizeof *m->loop, by_health);
 }
 
 void kpis_free(struct kpis *m)

@@ -32,6 +32,7 @@ void get_alarm_trial(struct ui *ui, struct request *r, struct apc_store *store);
 int plants_check(const char *path, struct apc_error *why);
 void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
 void get_why(struct ui *ui, struct request *r, struct apc_store *store);
+void get_health(struct ui *ui, struct request *r, struct apc_store *store);
 void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);

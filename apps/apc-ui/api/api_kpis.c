@@ -50,7 +50,7 @@ void get_kpis(struct ui *ui, struct request *r, struct apc_store *store)
     (void)ui;
     if (!query_range(r, DAY, 0, &since, &until))
         return;
-    const int rc = kpis_of_store(&m, store, since, until, NULL, MOST);
+    const int rc = kpis_of_store(&m, store, since, until, MOST);
     if (rc == APC_ERANGE)
         fault_set(&r->fault, 422, "parameter", "since", "more than %d rows: ask for less time at once", MOST);
     else if (rc < 0 && rc != APC_ENOTFOUND)

@@ -409,6 +409,24 @@ static void alarm_metrics(const struct model *m, apc_ns now, struct text *t)
         text_add(t, "apc_alarm_transitions_total %.17g\n", m->alarm_numbers[APC_ALARMS_JOURNAL]);
 }
 
+/* As somebody asked for them last: nothing is judged here. */
+static void health_metrics(struct verdicts *verdicts, struct text *t)
+{
+    pthread_mutex_lock(&verdicts->mutex);
+    if (verdicts->until > 0) {
+        metric(t, "apc_loop_health", "gauge",
+               "1: the verdict on a loop, of the newest window that was judged.");
+        for (size_t i = 0; i < verdicts->n; i++) {
+            text_add(t, "apc_loop_health{loop=");
+            label(t, verdicts->loop[i].name);
+            text_add(t, ",health=\"%s\"} 1\n", verdicts->loop[i].health);
+        }
+        metric(t, "apc_loop_health_time_seconds", "gauge", "The end of that window.");
+        text_add(t, "apc_loop_health_time_seconds %.17g\n", apc_ns_to_s(verdicts->until));
+    }
+    pthread_mutex_unlock(&verdicts->mutex);
+}
+
 static void duration_stats_metrics(struct duration_stats *m, struct text *t, const char *name,
                                    const char *help)
 {
@@ -449,6 +467,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     room_metrics(&m->room, t);
     history_metrics(&m->behind, t);
     pthread_mutex_unlock(&m->mutex);
+    health_metrics(&ui->verdicts, t);
     duration_stats_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
     duration_stats_metrics(&ui->reads, t, "apc_db_read_seconds",
                            "This server's reads of all newest samples.");

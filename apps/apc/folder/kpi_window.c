@@ -80,13 +80,24 @@ int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, d
     return rc;
 }
 
-int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
-                    struct apc_error *why)
+static int fail_window(struct apc_error *why, int rc, struct apc_store *store)
 {
-    const int rc = kpis_of_store(m, store, from, until, horizon, SIZE_MAX);
     if (rc == APC_ENOTFOUND)
         return nothing_recorded(why);
-    return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store)) : 0;
+    return apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
+}
+
+int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, struct apc_error *why)
+{
+    const int rc = kpis_of_store(m, store, from, until, SIZE_MAX);
+    return rc < 0 ? fail_window(why, rc, store) : 0;
+}
+
+int health_window_of_store(struct kpis *m, struct apc_store *store, const struct health_asked *asked,
+                           struct apc_error *why)
+{
+    const int rc = health_of_store(m, store, asked);
+    return rc < 0 ? fail_window(why, rc, store) : kpis_on_record(m) ? 0 : nothing_recorded(why);
 }
 
 static int nothing_expected(const struct prediction *o, struct apc_error *why)

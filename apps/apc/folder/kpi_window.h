@@ -11,8 +11,11 @@
 int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, double from, double until,
                   const double *horizon, struct apc_error *why);
 /* Of a store, t in UTC, as far as there is a record. */
-int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, const double *horizon,
+int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until,
                     struct apc_error *why);
+/* The health of its loops from m->from until m->until. */
+int health_window_of_store(struct kpis *m, struct apc_store *store, const struct health_asked *asked,
+                           struct apc_error *why);
 /* What was expected at @p at of the run in @p dir, s since its start, and what came of it: prediction_free() in
  * either case. */
 int window_prediction_of_run(struct prediction *o, const struct experiment *e, const char *dir, double at,

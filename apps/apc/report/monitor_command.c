@@ -7,6 +7,7 @@
 #include "apc/common/cli.h"
 #include "apc/common/print.h"
 #include "apc/folder/kpi_window.h"
+#include "common/health_json.h"
 #include "experiment/experiment.h"
 
 struct monitor_options {
@@ -49,16 +50,6 @@ static const struct cli_spec spec = {
     .options = own_options,
 };
 
-/* The worst first. */
-static int by_health(const void *left, const void *right)
-{
-    const struct health *a = &((const struct kpis_loop *)left)->health,
-                        *b = &((const struct kpis_loop *)right)->health;
-    if (a->verdict != b->verdict)
-        return a->verdict < b->verdict ? -1 : 1;
-    return (a->index > b->index) - (a->index < b->index);
-}
-
 /* ---- For people --------------------------------------------------------------------------- */
 
 static enum print_ink ink_of(enum health_verdict verdict)
@@ -95,22 +86,11 @@ static int print_health(const struct kpis *m)
 /* A verdict in a sentence, with what it rests on. */
 static void print_words(const struct kpis_loop *l)
 {
-    const struct health *h = &l->health;
-    printf("%s: %s", l->name, health_words(h->verdict));
-    if (h->verdict == HEALTH_SENSOR && h->still > 0)
-        printf("; it stood still for %.4g s", h->still);
-    if (h->verdict == HEALTH_SENSOR && h->jumps > 0)
-        printf("; %.2g %% of its rows jump off and back", 100 * h->jumps);
-    if (h->verdict == HEALTH_SENSOR && h->step > 0)
-        printf("; its steps are %.3g", h->step);
-    if (h->verdict == HEALTH_VALVE)
-        printf("; friction of %.2g leaves %.2g %% less unexplained, in each half of the record", h->friction,
-               100 * h->explained);
-    if (!isnan(h->swing))
-        printf("; it swings every %.3g s", h->swing);
-    if (!isnan(h->lasting))
-        printf(", %.0f %% of that is left many swings later", 100 * fmin(1, h->lasting));
-    puts("");
+    struct text evidence = {0};
+    health_evidence(&l->health, &evidence);
+    printf("%s: %s%s%s\n", l->name, health_words(l->health.verdict), evidence.n > 1 ? "; " : "",
+           evidence.at ? evidence.at : "");
+    text_free(&evidence);
 }
 
 static int show_health(const struct kpis *m)
@@ -134,15 +114,9 @@ static void show_json(const struct kpis *m)
     struct text t = {.out = stdout};
     json_add(&t, "{from_s:%g, until_s:%g, loops:[", apc_ns_to_s(m->from), apc_ns_to_s(m->until));
     for (const struct kpis_loop *l = m->loop; l < m->loop + m->n_loops; l++) {
-        const struct health *h = &l->health;
-        json_add(&t,
-                 "\n{loop:%s, health:%s, words:%s, ticks:%zu, service:%g, at_low:%g, at_high:%g, index:%g",
-                 l->name, health_name(h->verdict), health_words(h->verdict), h->n, l->service, l->low,
-                 l->high, h->index);
-        json_add(&t, "swing_s:%g, regularity:%g, lasting:%g, friction:%g, explained:%g", h->swing,
-                 h->regularity, h->lasting, h->friction, h->explained);
-        json_add(&t, "still_s:%g, jumps:%g, step:%g, travel_per_h:%g, reversals_per_h:%g}", h->still,
-                 h->jumps, h->step, h->travel, h->reversals);
+        json_add(&t, "\n{");
+        health_members(l, &t);
+        json_add(&t, "}");
     }
     json_add(&t, "\n]}\n");
 }
@@ -244,6 +218,7 @@ static int monitor_store(const struct cli *cli, const struct monitor_options *o,
 {
     struct apc_store *store = NULL;
     struct apc_error why;
+    const struct health_asked asked = {.horizon = o->horizon, .give_up = INT64_MAX};
     apc_ns to = apc_clock_utc(NULL), from;
     if (cli_time(cli, "to", o->to, &to) != EXIT_OK)
         return EXIT_USAGE;
@@ -253,8 +228,9 @@ static int monitor_store(const struct cli *cli, const struct monitor_options *o,
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
+    *m = (struct kpis){.from = from, .until = to};
     int status = o->notify ? claim_telling(cli, store) : EXIT_OK;
-    if (status == EXIT_OK && (rc = window_of_store(m, store, from, to, &o->horizon, &why)) < 0)
+    if (status == EXIT_OK && (rc = health_window_of_store(m, store, &asked, &why)) < 0)
         status = cli_error(cli, rc, "%s", why.text);
     if (status == EXIT_OK && o->notify)
         status = tell_health(cli, store, m);
@@ -277,7 +253,7 @@ int command_monitor(int argc, char **argv)
         return cli_usage(&cli, "--notify writes into --store: without a run folder");
     int status = cli.n_args == 0 ? monitor_store(&cli, &options, &kpis) : monitor_run(&cli, &options, &kpis);
     if (status == EXIT_OK && kpis.loop) {
-        qsort(kpis.loop, kpis.n_loops, sizeof *kpis.loop, by_health);
+        kpis_sort_by_health(&kpis);
         if (options.json)
             show_json(&kpis);
         else if (show_health(&kpis) < 0)

@@ -146,7 +146,7 @@ static int report_of_store(const struct cli *cli, const struct report_options *o
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
-    rc = window_of_store(&kpis, store, from, to, NULL, &why);
+    rc = window_of_store(&kpis, store, from, to, &why);
     if (rc == 0 && (rc = put_kpis(&kpis, NULL, 0, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     if (rc < 0)

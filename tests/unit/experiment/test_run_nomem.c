@@ -147,7 +147,7 @@ static int judge(void)
 static int value_kpis(void)
 {
     struct kpis m = {0};
-    int rc = kpis_of_store(&m, s.store, 1, apc_clock_utc(s.clock), NULL, 100000);
+    int rc = kpis_of_store(&m, s.store, 1, apc_clock_utc(s.clock), 100000);
     kpis_free(&m);
     return rc;
 }

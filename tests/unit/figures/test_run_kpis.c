@@ -201,12 +201,10 @@ static void a_store_is_judged_of_the_time_it_knows(void **state)
 {
     struct apc_sample y = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1000 * S, .value = 1.0};
     (void)state;
-    assert_int_equal(kpis_of_store(&m, published, 1000 * S, 1010 * S, NULL, 100),
-                     APC_ENOTFOUND); /* no loops */
+    assert_int_equal(kpis_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no loops */
     kpis_free(&m);
     assert_true(provision(published, &e, PROVISION_KEEP) >= 0);
-    assert_int_equal(kpis_of_store(&m, published, 1000 * S, 1010 * S, NULL, 100),
-                     APC_ENOTFOUND); /* no rows */
+    assert_int_equal(kpis_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no rows */
     assert_int_equal(m.n_loops, 0);
     kpis_free(&m);
     assert_int_equal(apc_store_append(published, &y, 1), 1);
@@ -227,12 +225,10 @@ static void a_store_is_judged_of_the_time_it_knows(void **state)
         {990 * S, 1010 * S, 1, APC_ERANGE, 0, 0},
     };
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        const double horizon = 0;
-        const int rc = kpis_of_store(&m, published, of[i].from, of[i].until, &horizon, of[i].most);
+        const int rc = kpis_of_store(&m, published, of[i].from, of[i].until, of[i].most);
         if (rc != of[i].rc)
             fail_msg("case %zu: %s", i, apc_err_name(rc));
         assert_int_equal(m.n_loops, rc == 0);
-        assert_true(rc < 0 || m.loop[0].health.verdict == HEALTH_UNKNOWN);
         if (rc == 0 && (m.from != of[i].begins || m.until != of[i].ends))
             fail_msg("case %zu: %g to %g s", i, apc_ns_to_s(m.from), apc_ns_to_s(m.until));
         kpis_free(&m);

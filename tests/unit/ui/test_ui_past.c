@@ -708,10 +708,9 @@ static void what_the_controllers_were_worth_is_told(void **state)
     memcpy(query, backwards, sizeof backwards);
     json_decref(ask(get_kpis));
     assert_int_equal(request.fault.http, 422);
-    assert_int_equal(kpis_of_store(&m, store, 1000 * S, 1010 * S, NULL, 20), APC_ERANGE);
+    assert_int_equal(kpis_of_store(&m, store, 1000 * S, 1010 * S, 20), APC_ERANGE);
     kpis_free(&m);
-    assert_int_equal(kpis_of_store(&m, store, 1000 * S, 1010 * S, NULL, 21),
-                     0); /* the setpoint before as well */
+    assert_int_equal(kpis_of_store(&m, store, 1000 * S, 1010 * S, 21), 0); /* the setpoint before as well */
     kpis_free(&m);
 }
 

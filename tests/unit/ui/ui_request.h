@@ -62,9 +62,10 @@ static bool ui_made(const char *uri)
            writes_create(&ui->writes, tell_nobody, NULL) >= 0 &&
            sessions_init(&ui->sessions, 100 * S, 1000 * S) >= 0 && audit_init(&ui->audit) >= 0 &&
            pthread_mutex_init(&ui->users_mutex, NULL) == 0 && desks_init(ui->desk) >= 0 &&
-           listing_init(&ui->listing) >= 0 && duration_stats_init(&ui->reads) >= 0 &&
-           duration_stats_init(&ui->stores) >= 0 && duration_stats_init(&ui->lag) >= 0 &&
-           apc_store_open(&store, uri, NULL, NULL) >= 0 && apc_store_init(store) >= 0;
+           listing_init(&ui->listing) >= 0 && verdicts_init(&ui->verdicts) >= 0 &&
+           duration_stats_init(&ui->reads) >= 0 && duration_stats_init(&ui->stores) >= 0 &&
+           duration_stats_init(&ui->lag) >= 0 && apc_store_open(&store, uri, NULL, NULL) >= 0 &&
+           apc_store_init(store) >= 0;
 }
 
 static void ui_gone(void)
@@ -77,6 +78,7 @@ static void ui_gone(void)
     audit_free(&ui->audit);
     desks_free(ui->desk);
     listing_free(&ui->listing);
+    verdicts_free(&ui->verdicts);
     sessions_free(&ui->sessions);
     writes_destroy(ui->writes);
     stream_destroy(ui->stream);
