@@ -330,7 +330,7 @@ APC_API int apc_store_history_bins(struct apc_store *store, enum apc_table table
 struct apc_behind {
     size_t size;   /**< in: of this struct */
     uint64_t rows; /**< samples and vectors that it has not got */
-    apc_ns time;   /**< of the variable where it is most, from its newest row there to the live store's */
+    apc_ns time;   /**< for how long the first of these has waited, if those of a variable came evenly */
     bool nothing;  /**< it has no row yet of all that the live store has: there is no such time */
 };
 /** Of `LIVE+HISTORY`, as of now. Returns 1; 0: it is one store, with no history; or an error, with the

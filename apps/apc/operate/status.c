@@ -284,6 +284,8 @@ static void show_history(const struct status *s)
     else if (s->has_history > 0 && s->behind.nothing)
         printf("       the history has nothing yet: %llu rows wait for it\n",
                (unsigned long long)s->behind.rows);
+    else if (s->has_history > 0 && s->behind.time < APC_NS_PER_S)
+        puts("       the history has all but what has just come");
     else if (s->has_history > 0)
         printf("       the history is %llu rows behind, %s\n", (unsigned long long)s->behind.rows,
                print_duration(s->behind.time, text));

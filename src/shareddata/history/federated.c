@@ -11,6 +11,7 @@
  * the handle's error text says so, though the operation succeeds. A history that makes its callers wait is
  * left alone for a while.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -364,18 +365,26 @@ static int read_newest_of_all(struct apc_store *store, const struct apc_sample *
     return rc;
 }
 
+/* For how many ns the first of @p rows that are missing has waited, had they come at even distances. In
+ * double, as times may lie at both ends of their range. */
+static double wait_of_missing(const struct apc_sample *live, const struct apc_sample *history, uint64_t rows)
+{
+    const double newest = (double)live->time, stored = history->seq > 0 ? (double)history->time : newest;
+    return (double)apc_clock_utc(NULL) - (stored + (newest - stored) / (double)rows);
+}
+
 static void compare_newest(int64_t first, const struct apc_sample *live, const struct apc_sample *history,
                            size_t n, struct apc_behind *behind)
 {
+    double most = 0;
     behind->nothing = n > 0;
     for (size_t i = 0; i < n; i++) {
-        const apc_ns time = live[i].time - history[i].time;
+        const uint64_t rows = apc_rows_between(first, history[i].seq, live[i].seq);
         behind->nothing = behind->nothing && history[i].seq == 0;
-        if (live[i].seq > history[i].seq) {
-            behind->rows += apc_rows_between(first, history[i].seq, live[i].seq);
-            behind->time = history[i].seq > 0 && time > behind->time ? time : behind->time;
-        }
+        behind->rows += rows;
+        most = rows > 0 ? fmax(most, wait_of_missing(&live[i], &history[i], rows)) : most;
     }
+    behind->time = behind->nothing ? 0 : (apc_ns)fmin(most, 9e18);
 }
 
 /* The live store first: what it gets meanwhile is not what the history should have. */

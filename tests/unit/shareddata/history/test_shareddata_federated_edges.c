@@ -445,6 +445,31 @@ static void variables_are_those_of_the_live_store_where_the_history_fails(void *
     assert_int_equal(failures, 2);
 }
 
+/* As of now, since it is at @p since. */
+static void assert_behind(uint64_t rows, apc_ns since)
+{
+    const apc_ns before = apc_clock_utc(NULL), some = APC_NS_PER_MS;
+    struct apc_behind behind = {.size = sizeof behind};
+    assert_int_equal(apc_store_behind(both, &behind), 1);
+    assert_int_equal(behind.rows, rows);
+    assert_true(behind.time >= before - since - some && behind.time <= apc_clock_utc(NULL) - since + some);
+    assert_false(behind.nothing);
+}
+
+/* Promise(stores/live-store-history) */
+static void a_row_that_comes_once_an_hour_is_not_an_hour_late(void **state)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    struct apc_sample row = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = now - TIME(3600)};
+    (void)state;
+    must(live, apc_store_append(live, &row, 1));
+    must(old, apc_store_append(old, &row, 1));
+    row.seq = 2;
+    row.time = now;
+    must(live, apc_store_append(live, &row, 1));
+    assert_behind(1, now);
+}
+
 static void what_the_history_has_not_got_is_counted_and_the_longest_told(void **state)
 {
     struct apc_behind behind = {.size = sizeof behind};
@@ -457,15 +482,9 @@ static void what_the_history_has_not_got_is_counted_and_the_longest_told(void **
     vector(old, 1, 2);
     sample(live, APC_ACTUATOR, 1, 1, 5);
     sample(old, APC_ACTUATOR, 1, 1, 4);
-    assert_int_equal(apc_store_behind(both, &behind), 1);
-    assert_int_equal(behind.rows, 6 + 7 + 1);
-    assert_int_equal(behind.time, TIME(7));
-    assert_false(behind.nothing);
-    sample(live, APC_SENSOR, 3, 1, 20); /* of one it has nothing: no time is known of it */
-    assert_int_equal(apc_store_behind(both, &behind), 1);
-    assert_int_equal(behind.rows, 14 + 20);
-    assert_int_equal(behind.time, TIME(7));
-    assert_false(behind.nothing);
+    assert_behind(6 + 7 + 1, TIME(3));
+    sample(live, APC_SENSOR, 3, 1, 20); /* of one it has nothing: as long as the newest, at least */
+    assert_behind(14 + 20, TIME(3));
     begin_counting(0, 0);
     assert_int_equal(apc_store_behind(both, &behind), 1);
     const int calls[2] = {sides[0].calls, sides[1].calls};
@@ -749,6 +768,7 @@ int main(void)
         T(a_history_that_fails_again_and_again_is_counted_until_it_answers),
         T(a_history_may_have_as_much_as_the_live_store_and_no_more),
         T(variables_are_those_of_the_live_store_where_the_history_fails),
+        T(a_row_that_comes_once_an_hour_is_not_an_hour_late),
         T(what_the_history_has_not_got_is_counted_and_the_longest_told),
         T(the_rows_between_two_begin_where_the_store_does),
         EACH(an_event_is_another_if_it_says_anything_else),
