@@ -278,6 +278,7 @@ struct alarm_watch {
         struct text json;
         int64_t seq;
         apc_ns shelved;
+        bool first_out;
     } * told;           /* [board.e.n_alarms]; NULL: there are none */
     int64_t looked;     /* seq of the tick row at the last look; 0: there was none */
     double transitions; /* the number of the last one then */

@@ -26,8 +26,9 @@ static int make_alarm_summary(struct alarm_summary *b, struct apc_error *why)
 {
     const size_t n = b->e.n_alarms;
     b->at = calloc(n + 1, sizeof *b->at);
+    b->coming = calloc(COMINGS * n + 1, sizeof *b->coming);
     b->memory = calloc(ROWS * n + 1, sizeof *b->memory);
-    if (!b->at || !b->memory)
+    if (!b->at || !b->coming || !b->memory)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     struct apc_sample *sample = b->memory;
     for (size_t i = 0; i < n; i++) {
@@ -74,6 +75,7 @@ int alarm_summary_open(struct alarm_summary *b, struct apc_store *store, struct 
 void alarm_summary_close(struct alarm_summary *b)
 {
     free(b->memory);
+    free(b->coming);
     free(b->at);
     experiment_free(&b->e);
     memset(b, 0, sizeof *b);
@@ -111,6 +113,98 @@ apc_ns alarm_summary_shelved(const struct alarm_now *now)
     const struct apc_sample *actual = now->actual[ALARM_WISH(APC_ALARM_SHELF)];
     apc_ns until = 0;
     return actual->seq > 0 && apc_ns_from_s(fabs(actual->value), &until) == 0 ? until : 0;
+}
+
+/* ---- Which came first ---------------------------------------------------------------------- */
+
+#define ROWS_BACK 64 /* of one alarm */
+
+/* Rows of one alarm one after another. */
+static int follow_raised(void *ctx, const struct apc_sample *row)
+{
+    struct alarm_raised *r = ctx;
+    r->seq = row->seq;
+    if ((int)row->value != APC_ALARM_UNACKED)
+        return 0;
+    if (r->last == 0 || row->time - r->last > ALARMS_BURST) {
+        memmove(r->began + 1, r->began, (COMINGS - 1) * sizeof *r->began);
+        r->began[0] = row->time;
+    }
+    r->last = row->time;
+    return 0;
+}
+
+static int find_raised(struct alarm_now *now, struct apc_store *store)
+{
+    const struct apc_range range = {.last = ROWS_BACK};
+    struct alarm_raised *r = &now->raised;
+    int rc = 0;
+    if (now->row->seq != r->seq + 1) {
+        *r = (struct alarm_raised){0};
+        rc = apc_store_history(store, APC_ALARM, now->row->id, &range, follow_raised, r);
+    }
+    if (rc < 0)
+        *r = (struct alarm_raised){0};
+    else if (r->seq < now->row->seq)
+        (void)follow_raised(r, now->row);
+    return rc < 0 ? rc : 0;
+}
+
+int alarm_summary_mark(struct alarm_summary *b, struct apc_store *store)
+{
+    apc_ns earliest = INT64_MAX;
+    int rc = 0;
+    for (size_t i = 0; i < b->e.n_alarms && rc == 0; i++) {
+        struct alarm_now *now = &b->at[i];
+        const enum apc_alarm_state state = alarm_summary_state(now);
+        const int64_t seq = now->raised.seq;
+        if (now->row->seq != seq && (state != APC_ALARM_NORMAL || now->row->seq == seq + 1))
+            rc = find_raised(now, store);
+        if (apc_alarm_is_standing(state) && now->raised.last > 0 && now->raised.began[0] < earliest)
+            earliest = now->raised.began[0];
+    }
+    /* one that has gone may have come before them; before that it was not among theirs */
+    for (size_t i = 0; i < b->e.n_alarms && rc == 0 && earliest < INT64_MAX; i++)
+        if (b->at[i].row->seq != b->at[i].raised.seq && b->at[i].row->time >= earliest - ALARMS_BURST)
+            rc = find_raised(&b->at[i], store);
+    if (rc == 0)
+        alarm_summary_first_out(b);
+    return rc;
+}
+
+static int by_area_and_time(const void *x, const void *y)
+{
+    const struct alarm_coming *a = x, *b = y;
+    const int other = strcmp(a->area, b->area);
+    return other ? other : (a->time > b->time) - (a->time < b->time);
+}
+
+static void mark_burst(const struct alarm_coming *at, size_t n)
+{
+    const apc_ns first = at[0].time, last = at[n - 1].time;
+    for (size_t i = 0; first < last && at[i].time == first; i++)
+        at[i].of->first_out |= at[i].of->raised.began[0] <= last /* it has not come again since */
+                               && apc_alarm_is_standing(alarm_summary_state(at[i].of));
+}
+
+void alarm_summary_first_out(struct alarm_summary *b)
+{
+    struct alarm_coming *at = b->coming;
+    size_t n = 0;
+    for (size_t i = 0; i < b->e.n_alarms; i++) {
+        struct alarm_now *now = &b->at[i];
+        now->first_out = false;
+        for (size_t k = 0; k < COMINGS && now->raised.began[k] > 0; k++)
+            at[n++] = (struct alarm_coming){b->e.alarm[i].area, now->raised.began[k], now};
+    }
+    if (n > 1)
+        qsort(at, n, sizeof *at, by_area_and_time);
+    for (size_t i = 0, end; i < n; i = end) {
+        for (end = i + 1; end < n && strcmp(at[end].area, at[i].area) == 0 &&
+                          at[end].time - at[end - 1].time <= ALARMS_BURST;)
+            end++;
+        mark_burst(at + i, end - i);
+    }
 }
 
 static struct outcome_seen seen_of_alarm(const struct alarm_summary *b, apc_ns utc)

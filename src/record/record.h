@@ -386,9 +386,21 @@ void alarm_trial_members(const struct alarm_trial *trial, const char *alarm, str
 
 /* The alarms of a store as they stand, and what people want of them: for whoever shows or acknowledges them. */
 
+#define ALARMS_BURST (60 * APC_NS_PER_S) /* at most between two that came together */
+#define COMINGS      4                   /* of one alarm that are kept in mind */
+
+/* When one was raised. */
+struct alarm_raised {
+    int64_t seq;           /* of the newest row that counts already; 0: none does */
+    apc_ns last;           /* time; 0: not, or nobody knows */
+    apc_ns began[COMINGS]; /* the newest first: one that comes again within a burst has come once */
+};
+
 /* Of one alarm: its newest row; the newest of each switch, and what became of that. */
 struct alarm_now {
     struct apc_sample *row, *wish[3], *actual[3]; /* wish: ALARM_WISH() */
+    struct alarm_raised raised;                   /* alarm_summary_mark(): this and the next */
+    bool first_out;
 };
 #define ALARM_WISH(which) ((which)-APC_ALARM_ACK)
 
@@ -396,6 +408,11 @@ struct alarm_summary {
     struct experiment e;  /* as the store describes it */
     int64_t revision;     /* of the catalogue that this is of; 0: of none */
     struct alarm_now *at; /* [e.n_alarms] */
+    struct alarm_coming { /* room for those of all alarms */
+        const char *area;
+        apc_ns time;
+        struct alarm_now *of;
+    } * coming;
     struct apc_sample *memory;
     struct apc_vector tick;
     double numbers[APC_ALARMS_TICK];
@@ -409,6 +426,13 @@ int alarm_summary_open(struct alarm_summary *summary, struct apc_store *store, s
 void alarm_summary_close(struct alarm_summary *summary);
 /* What is newest. Returns 0 or the store's error. */
 int alarm_summary_read(struct alarm_summary *summary, struct apc_store *store);
+
+/* Of what was read: when each was raised, and which are first out. An alarm's history is looked into when it has moved
+ * by more than one row since the last time, 64 rows back. Returns 0 or the store's error. */
+int alarm_summary_mark(struct alarm_summary *summary, struct apc_store *store);
+/* The core of it: of the alarms of one area, each of which came within ALARMS_BURST of the one before, those that came
+ * first, at one evaluation, and stand. None did where all came at once. */
+void alarm_summary_first_out(struct alarm_summary *summary);
 
 /* NULL: there is none of that name. */
 const struct alarm_now *alarm_summary_find(const struct alarm_summary *summary, const char *name);

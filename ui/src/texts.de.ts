@@ -650,6 +650,8 @@ export const de = {
   "alarms.act": "Bedienung",
   "alarms.noneActive": "Keine aktiven Alarme.",
   "alarms.more": "{n} weitere",
+  "alarms.first": "1.",
+  "alarms.firstOut": "Erstmeldung",
   "alarms.until": "bis {time}",
   "alarms.soSince": "so seit {time}",
   "alarms.open": "Mehr",

@@ -649,6 +649,8 @@ export const en = {
   "alarms.act": "Action",
   "alarms.noneActive": "No active alarms.",
   "alarms.more": "{n} more",
+  "alarms.first": "1st",
+  "alarms.firstOut": "first out",
   "alarms.until": "until {time}",
   "alarms.soSince": "so since {time}",
   "alarms.open": "More",

@@ -90,7 +90,7 @@ for (const [colorScheme, width] of [["light", 1280], ["light", 400], ["dark", 12
     await page.locator(".silent-bar").waitFor();
     await page.locator(".value.bad").first().waitFor();
     const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, raised: null, author: null, shelved_until: null, ...rest});
-    fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true}), stands(2, "Acknowledged Active", {author: "anna"}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
+    fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true, first_out: true}), stands(2, "Acknowledged Active", {author: "anna"}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
     fake.say("alarms", {t: fake.now, alarms: fake.alarms});
     await page.locator(".alarm-line.calls").waitFor();
     await go(page, "alarms/y.high");

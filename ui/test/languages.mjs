@@ -71,7 +71,7 @@ for (const width of [1280, 400])
     t.after(() => fake.stop());
     Object.assign(fake, {predicts: true, graphic: drawing, records: true});
     const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, raised: fake.now - 60, author: null, shelved_until: null, ...rest});
-    fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true}), stands(2, "RTN Unacknowledged", {unacknowledged: true, active: false}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
+    fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true, first_out: true}), stands(2, "RTN Unacknowledged", {unacknowledged: true, active: false}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
     const page = await open(browser, "overview", {url: fake.url, locale: "de-AT", viewport: {width, height: 800}});
     assert.equal(await page.evaluate(() => document.documentElement.lang), "de");
     const wrong = [];

@@ -87,6 +87,7 @@ export const stands = (id: number, seq: number, state: string, rest: Partial<Ala
   time: START - 60 + seq,
   author: null,
   raised: START - 60 + seq,
+  first_out: false,
   shelved_until: null,
   ...rest,
 });

@@ -1789,6 +1789,18 @@ test("the list of alarms stands still while somebody points at it, and a press i
   await settle();
 });
 
+// Promise(alarms/first-out)
+test("the list of alarms: the first one out is marked, and not any more when it is none", async () => {
+  const marked = () => [...document.querySelectorAll(".first-out")].map(one => `${one.textContent} ${one.closest("tr")?.querySelector("td.wide")?.textContent}`);
+  await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 1, "Unacknowledged Active", {first_out: true}));
+  await show("alarms");
+  assert.deepEqual(marked(), ["1stfirst out message of y2.low"]);
+  server.alarms = [stands(2, 1, "Unacknowledged Active")]; // it did not move: another one did
+  env.source.send("alarms", {t: server.now, alarms: server.alarms});
+  await settle();
+  assert.deepEqual(marked(), []);
+});
+
 // Promise(page/alarm-acknowledged)
 test("the list of alarms: the most urgent first, what each means, and shelving for a reason", async () => {
   await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active", {author: "anna", raised: START - 60}), stands(3, 4, "Shelved", {shelved_until: server.now + 600}));

@@ -44,6 +44,16 @@ static bool take_desk(struct desk *desk, struct request *r, struct apc_store *st
     return rc == 0;
 }
 
+/* The same, and which of them are first out. */
+static bool take_marked_desk(struct desk *desk, struct request *r, struct apc_store *store)
+{
+    const bool ok = take_desk(desk, r, store);
+    const int rc = ok ? alarm_summary_mark(&desk->board, store) : 0;
+    if (rc < 0)
+        fault_store(r, rc, store);
+    return ok && rc == 0;
+}
+
 static void give_desk_back(struct desk *desk)
 {
     pthread_mutex_unlock(&desk->mutex);
@@ -69,7 +79,7 @@ static void alarms_then(struct request *r, struct apc_store *store)
 {
     struct desk desk = {.mutex = PTHREAD_MUTEX_INITIALIZER};
     struct apc_store *past = request_past(r, store);
-    if (past && take_desk(&desk, r, past)) {
+    if (past && take_marked_desk(&desk, r, past)) {
         json_add(&r->reply, "{");
         past_members(past, &r->reply);
         alarms_json(&desk.board, past, &r->reply);
@@ -88,7 +98,7 @@ void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
         alarms_then(r, store);
         return;
     }
-    if (take_desk(desk, r, store)) {
+    if (take_marked_desk(desk, r, store)) {
         json_add(&r->reply, "{t:%.6jd", apc_clock_utc(NULL));
         alarms_json(&desk->board, store, &r->reply);
         json_add(&r->reply, "}");

@@ -92,6 +92,8 @@ static int alarms_then_json(struct apc_store *past, struct text *t)
     int rc = alarm_summary_open(&board, past, &why);
     if (rc == 0)
         rc = alarm_summary_read(&board, past);
+    if (rc == 0)
+        rc = alarm_summary_mark(&board, past);
     json_add(t, "alarms:[");
     for (size_t i = 0; rc == 0 && i < board.e.n_alarms; i++)
         if (board.at[i].row->seq > 0)

@@ -56,10 +56,12 @@ static void compare_alarms(struct alarm_watch *w, struct apc_store *store, struc
     for (size_t i = 0; i < w->board.e.n_alarms; i++) {
         const struct alarm_now *now = &w->board.at[i];
         struct alarm_told *told = &w->told[i];
-        if (now->row->seq == told->seq && alarm_summary_shelved(now) == told->shelved)
+        if (now->row->seq == told->seq && alarm_summary_shelved(now) == told->shelved &&
+            now->first_out == told->first_out)
             continue;
         told->seq = now->row->seq;
         told->shelved = alarm_summary_shelved(now);
+        told->first_out = now->first_out;
         text_free(&told->json);
         alarm_stands_json(now, store, &told->json);
         json_text_add(news, &told->json);
@@ -91,7 +93,9 @@ int alarm_watch_look(struct alarm_watch *w, struct ui *ui, struct apc_store *sto
     struct text news = {0};
     if (!w->told || tick->seq == w->looked || !(moved || shelved))
         return 0;
-    const int rc = alarm_summary_read(&w->board, store);
+    int rc = alarm_summary_read(&w->board, store);
+    if (rc == 0)
+        rc = alarm_summary_mark(&w->board, store);
     if (rc < 0)
         return rc;
     w->looked = tick->seq;

@@ -19,36 +19,14 @@ void alarm_described_members(const struct alarm *alarm, struct text *t)
              alarm->consequence, alarm->response);
 }
 
-#define TRANSITIONS_BACK 64 /* of one alarm, that are looked through for when it was raised */
-
-static int keep_raised(void *ctx, const struct apc_sample *row)
-{
-    if ((int)row->value == APC_ALARM_UNACKED)
-        *(apc_ns *)ctx = row->time;
-    return 0;
-}
-
-/* When it was raised last, as long as it is not Normal; 0: it was not, or nobody knows. */
-static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
-{
-    const struct apc_range range = {.last = TRANSITIONS_BACK};
-    const enum apc_alarm_state state = alarm_summary_state(now);
-    apc_ns raised = 0;
-    if (state == APC_ALARM_UNACKED)
-        return now->row->time;
-    if (state != APC_ALARM_NORMAL)
-        (void)apc_store_history(store, APC_ALARM, now->row->id, &range, keep_raised, &raised);
-    return raised;
-}
-
 void alarm_stands_members(const struct alarm_now *now, struct apc_store *store, struct text *t)
 {
     const enum apc_alarm_state state = alarm_summary_state(now);
     json_add(t, "id:%d, seq:%jd, journal:%jd, state:%s, active:%i, unacknowledged:%i, standing:%i",
              now->row->id, now->row->seq, now->row->origin, apc_alarm_state_name(state),
              apc_alarm_is_active(state), apc_alarm_is_unacked(state), apc_alarm_is_standing(state));
-    json_add(t, "time:%.6jd, raised:%.6jd", json_some(now->row->seq > 0 ? now->row->time : 0),
-             json_some(raised_at(now, store)));
+    json_add(t, "time:%.6jd, raised:%.6jd, first_out:%i", json_some(now->row->seq > 0 ? now->row->time : 0),
+             json_some(state != APC_ALARM_NORMAL ? now->raised.last : 0), now->first_out);
     alarm_author_member(store, now->row->author, t);
     json_add(t, "shelved_until:%.6jd", json_some(alarm_summary_shelved(now)));
 }

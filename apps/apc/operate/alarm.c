@@ -129,7 +129,7 @@ static void list_alarms_text(struct session *s, const struct alarm_now **at, siz
             state >= APC_ALARM_SHELVED && state < APC_ALARM_SUPPRESSED ? alarm_summary_shelved(at[i]) : 0;
         print_cell(&table, ink, "%s", alarm->name);
         print_cell(&table, ink, "%d", alarm->is.priority);
-        print_cell(&table, ink, "%s", apc_alarm_state_name(state));
+        print_cell(&table, ink, "%s%s", apc_alarm_state_name(state), at[i]->first_out ? ", first out" : "");
         print_cell(&table, PRINT_PLAIN, "%s",
                    at[i]->row->seq > 0 ? print_age(s->now - at[i]->row->time, text) : "");
         print_cell(&table, PRINT_PLAIN, "%s", author_of_transition(s, at[i]->row->author, name));
@@ -157,8 +157,8 @@ static void alarm_json(struct session *s, const struct alarm_now *now, struct te
              time_or_none(now->row->seq > 0 ? now->row->time : 0, time),
              author_of_transition(s, now->row->author, name),
              time_or_none(alarm_summary_shelved(now), until));
-    json_add(t, "area:%s, message:%s, consequence:%s, response:%s}", alarm->area, alarm->message,
-             alarm->consequence, alarm->response);
+    json_add(t, "first_out:%i, area:%s, message:%s, consequence:%s, response:%s}", now->first_out,
+             alarm->area, alarm->message, alarm->consequence, alarm->response);
 }
 
 static void list_json(struct session *s, const struct alarm_now **at, size_t n)
@@ -198,6 +198,11 @@ static int list_alarms(struct session *s)
     size_t n = 0;
     if (!at)
         return cli_error(&s->cli, APC_ENOMEM, "out of memory");
+    const int rc = alarm_summary_mark(&s->summary, s->store);
+    if (rc < 0) {
+        free(at);
+        return cli_store_error(&s->cli, rc, s->store);
+    }
     for (size_t i = 0; i < s->summary.e.n_alarms; i++)
         if (is_listed(s, &s->summary.at[i]))
             at[n++] = &s->summary.at[i];

@@ -224,6 +224,159 @@ static void a_refusal_is_ones_own(void **state)
     apc_store_close(store);
 }
 
+/* ---- First out ----------------------------------------------------------------------------- */
+
+#define ALARMS 7
+
+/* Rows of alarms as apc-alarms writes them, and the summary of them. */
+static struct alarm alarms[ALARMS] = {{.name = "a", .area = "left"},  {.name = "b", .area = "right"},
+                                      {.name = "c", .area = "left"},  {.name = "d", .area = "left"},
+                                      {.name = "e", .area = "left/"}, {.name = "f", .area = ""},
+                                      {.name = "g", .area = "left/"}};
+static struct apc_sample rows[ALARMS];
+static struct alarm_now at[ALARMS];
+static struct alarm_coming coming[ALARMS * COMINGS];
+static struct alarm_summary plant;
+
+static int begin_plant(void **state)
+{
+    (void)state;
+    plant = (struct alarm_summary){.at = at, .coming = coming};
+    plant.e.alarm = alarms;
+    plant.e.n_alarms = ALARMS;
+    for (int i = 0; i < ALARMS; i++) {
+        rows[i] = (struct apc_sample){.table = APC_ALARM, .id = i + 1, .value = APC_ALARM_NORMAL};
+        at[i] = (struct alarm_now){.row = &rows[i]};
+    }
+    return 0;
+}
+
+static void go(char name, double s, enum apc_alarm_state to)
+{
+    struct apc_sample *newest = &rows[name - 'a'];
+    newest->seq++;
+    newest->time = NOW + (apc_ns)(s * 1e9);
+    newest->value = to;
+}
+
+/* The names of those that are. */
+static void assert_first_out(struct apc_store *store, const char *expected)
+{
+    char marked[ALARMS + 1] = "";
+    size_t n = 0;
+    assert_int_equal(alarm_summary_mark(&plant, store), 0);
+    for (int i = 0; i < ALARMS; i++)
+        if (at[i].first_out)
+            marked[n++] = alarms[i].name[0];
+    marked[n] = '\0';
+    assert_string_equal(marked, expected);
+}
+
+/* Each row is seen, so the history is asked for nothing: there is none. */
+static void see(char name, double s, enum apc_alarm_state to, const char *expected)
+{
+    go(name, s, to);
+    assert_first_out(NULL, expected);
+}
+
+/* Promise(alarms/first-out): Of the alarms of an area that come within a minute one of another, the first one is marked
+ *   as first out while it stands; of no other alarm is that said. */
+static void of_those_that_come_together_in_an_area_the_first_is_marked(void **state)
+{
+    (void)state;
+    assert_first_out(NULL, "");
+    see('c', 0, APC_ALARM_UNACKED, ""); /* alone */
+    see('b', 10, APC_ALARM_UNACKED, "");
+    see('e', 10, APC_ALARM_UNACKED, "");
+    see('f', 10, APC_ALARM_UNACKED, ""); /* of other areas */
+    see('a', 60, APC_ALARM_UNACKED, "c");
+    see('c', 70, APC_ALARM_ACKED, "c");
+    see('d', 120, APC_ALARM_UNACKED, "c"); /* a minute after the one before, two after the first */
+    see('b', 300, APC_ALARM_ACKED, "c");
+    see('d', 300, APC_ALARM_RETURNED, "c");
+    see('d', 310, APC_ALARM_NORMAL, "c");
+    see('c', 320, APC_ALARM_NORMAL, ""); /* it has gone, and the next one was not the first */
+}
+
+static void bursts_of_one_area_are_apart_by_more_than_a_minute(void **state)
+{
+    (void)state;
+    see('a', 0, APC_ALARM_UNACKED, "");
+    see('c', 60 + 1e-6, APC_ALARM_UNACKED, "");
+    see('d', 100, APC_ALARM_UNACKED, "c");
+    see('b', 100, APC_ALARM_UNACKED, "c");
+    see('a', 110, APC_ALARM_RETURNED, "c");
+    see('a', 110, APC_ALARM_UNACKED, "c"); /* again, with the others */
+    see('e', 120, APC_ALARM_UNACKED, "c");
+    see('g', 130, APC_ALARM_UNACKED, "ce"); /* of each area one */
+}
+
+static void of_those_that_come_at_one_evaluation_all_are_the_first_or_none(void **state)
+{
+    (void)state;
+    go('c', 0, APC_ALARM_UNACKED);
+    see('d', 0, APC_ALARM_UNACKED, "");
+    see('a', 1, APC_ALARM_UNACKED, "cd");
+    see('c', 2, APC_ALARM_SHELVED_ACTIVE, "d"); /* which is not announced */
+    see('d', 3, APC_ALARM_SUPPRESSED_ACTIVE, "");
+    see('d', 4, APC_ALARM_LATCHED_UNACKED, "d");
+}
+
+static void one_that_comes_again_is_where_it_was(void **state)
+{
+    (void)state;
+    see('d', 0, APC_ALARM_UNACKED, "");
+    for (int i = 1; i <= 10; i++) { /* it chatters */
+        see('d', 10 * i - 5, APC_ALARM_NORMAL, "");
+        see('d', 10 * i, APC_ALARM_UNACKED, i < 4 ? "" : "d");
+        if (i == 3)
+            see('a', 35, APC_ALARM_UNACKED, "d");
+    }
+    see('d', 105, APC_ALARM_NORMAL, "");
+    see('d', 500, APC_ALARM_UNACKED, ""); /* alone; and what it began is still its own */
+    see('c', 80, APC_ALARM_UNACKED, "");
+    for (int i = 1; i < COMINGS; i++) {
+        see('d', 500 + 100 * i - 1, APC_ALARM_NORMAL, "");
+        see('d', 500 + 100 * i, APC_ALARM_UNACKED, i < COMINGS - 1 ? "" : "a"); /* too often to be known */
+    }
+}
+
+static void keep_rows(struct apc_store *store, const char *names)
+{
+    for (; *names; names++)
+        assert_int_equal(apc_store_append(store, &rows[*names - 'a'], 1), 1);
+}
+
+static void who_looks_for_the_first_time_finds_it_in_the_history(void **state)
+{
+    struct apc_store *store;
+    struct apc_error why;
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
+    assert_int_equal(apc_store_init(store), 0);
+    go('d', 0, APC_ALARM_UNACKED);
+    go('c', 20, APC_ALARM_UNACKED);
+    keep_rows(store, "cd");
+    go('d', 30, APC_ALARM_ACKED);
+    go('c', 30, APC_ALARM_ACKED);
+    keep_rows(store, "cd");
+    assert_first_out(store, "d");
+    assert_int_equal(at[3].raised.last, NOW);
+    assert_first_out(NULL, "d"); /* nothing has moved: nothing is asked */
+    for (int i = 0; i < ALARMS; i++)
+        at[i].raised = (struct alarm_raised){0};
+    go('d', 40, APC_ALARM_NORMAL);
+    keep_rows(store, "d");
+    assert_first_out(store, ""); /* it came before what stands, and has gone */
+    go('d', 300, APC_ALARM_UNACKED);
+    keep_rows(store, "d");
+    go('d', 310, APC_ALARM_ACKED); /* two rows at once, one of them not yet in the history */
+    assert_first_out(store, "");
+    go('a', 320, APC_ALARM_UNACKED);
+    assert_first_out(store, "d");
+    apc_store_close(store);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -234,6 +387,11 @@ int main(void)
         T(what_became_of_a_wish_is_that_of_its_own_switch),
         T(words_say_what_is_wanted),
         T(a_refusal_is_ones_own),
+        cmocka_unit_test_setup(of_those_that_come_together_in_an_area_the_first_is_marked, begin_plant),
+        cmocka_unit_test_setup(bursts_of_one_area_are_apart_by_more_than_a_minute, begin_plant),
+        cmocka_unit_test_setup(of_those_that_come_at_one_evaluation_all_are_the_first_or_none, begin_plant),
+        cmocka_unit_test_setup(one_that_comes_again_is_where_it_was, begin_plant),
+        cmocka_unit_test_setup(who_looks_for_the_first_time_finds_it_in_the_history, begin_plant),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -581,6 +581,29 @@ static void what_moves_is_told_once_and_is_in_the_state(void **state)
     alarm_watch_free(&watch);
 }
 
+/* Promise(alarms/first-out) */
+static void which_came_first_is_told_when_another_one_comes(void **state)
+{
+    static const char marked[] = "\"first_out\":true";
+    struct apc_sample low = {.table = APC_ALARM, .id = 2, .seq = 1, .value = APC_ALARM_UNACKED};
+    struct alarm_watch watch = {0};
+    (void)state;
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0);
+    measured(20);
+    assert_int_equal(follow(&watch), 1);
+    assert_null(strstr(ask_text(get_alarms), marked));
+    low.time = apc_clock_utc(NULL) + S;
+    assert_int_equal(apc_store_append(store, &low, 1), 1);
+    watch.looked = 0; /* as after its tick */
+    assert_int_equal(follow(&watch), 2);
+    json_t *high = alarm_member(0, "first_out"), *other = alarm_member(1, "first_out");
+    assert_true(json_is_true(high) && json_is_false(other));
+    json_decref(high);
+    json_decref(other);
+    assert_non_null(strstr(ask_text(get_state), marked));
+    alarm_watch_free(&watch);
+}
+
 /* Promise(alarms/alarms-every-screen) */
 static void the_end_of_shelving_may_move_without_a_transition(void **state)
 {
@@ -635,6 +658,7 @@ int main(void)
         T(settings_are_tried_on_the_record),
         T(a_zipped_plant_is_the_one_there_is_now),
         T(what_moves_is_told_once_and_is_in_the_state),
+        T(which_came_first_is_told_when_another_one_comes),
         T(the_end_of_shelving_may_move_without_a_transition),
         T(who_was_described_anew_is_told_anew),
         T(metrics_count_them_while_they_are_evaluated),

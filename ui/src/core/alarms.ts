@@ -10,7 +10,7 @@ export interface Alarm extends AlarmIs {
 
 export type Standing = ReadonlyMap<number, AlarmNow>; // by id
 
-const normal = (id: number): AlarmNow => ({id, seq: 0, journal: 0, state: "Normal", active: false, unacknowledged: false, standing: false, time: null, raised: null, author: null, shelved_until: null});
+const normal = (id: number): AlarmNow => ({id, seq: 0, journal: 0, state: "Normal", active: false, unacknowledged: false, standing: false, time: null, raised: null, first_out: false, author: null, shelved_until: null});
 
 /** In whatever order and however often it is told: the highest seq counts. */
 export function taken(known: Standing, news: AlarmNow[]): Standing {

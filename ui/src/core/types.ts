@@ -77,6 +77,7 @@ export interface AlarmNow {
   standing: boolean;
   time: number | null; // of that transition
   raised: number | null; // when it was raised last, unless it is Normal
+  first_out: boolean; // it stands, and came first of those that came together in its area
   author: string | null;
   shelved_until: number | null;
 }

@@ -214,6 +214,7 @@ const Row = memo(function Row({of, open, toggle}: RowProps): JSX.Element {
       <td class="mark" data-label={tr("common.priority")}><Shape priority={of.priority} label={known("alarmkind", of.kind)} hollow={!isUnacknowledged(of)} /></td>
       <td class="digits" data-label={tr("alarms.activatedShort")}>
         {now.raised == null ? "–" : stamp(now.raised)}
+        {now.first_out && <b class="first-out" title={tr("alarms.firstOut")}><span aria-hidden="true">{tr("alarms.first")}</span><span class="hidden">{tr("alarms.firstOut")}</span></b>}
         {since(of) && <small class="since">{since(of)}</small>}
       </td>
       <th scope="row" title={`${of.alarm} ${of.area}`}>
