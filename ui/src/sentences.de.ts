@@ -334,6 +334,25 @@ export const sentences: Record<string, string> = {
   "output up to there": "Stellgröße bis dorthin",
   "output from there on": "Stellgröße ab dort",
 
+  // what the record of a loop shows
+  "the measurement is not to be trusted: look after the sensor first": "der Messwert ist nicht verlässlich: zuerst nach dem Sensor sehen",
+  "the valve sticks or has backlash: look after it before you tune": "das Ventil klemmt oder hat Spiel: vor dem Einstellen danach sehen",
+  "the loop swings by itself: less gain, or a longer integral time": "der Regelkreis schwingt von selbst: weniger Verstärkung oder eine längere Nachstellzeit",
+  "something outside swings and never dies down: look for loops of this period": "etwas außerhalb schwingt und klingt nie ab: nach Regelkreisen mit dieser Periode suchen",
+  "it swings; the record is too short to say by what": "er schwingt; die Aufzeichnung ist zu kurz, um zu sagen, wodurch",
+  "the output is at a limit too often to be judged": "die Stellgröße ist zu oft an einer Grenze, um ihn zu beurteilen",
+  "deviations last: more gain, or a slow disturbance that feed-forward could take": "Abweichungen dauern an: mehr Verstärkung, oder eine langsame Störung, die eine Vorsteuerung ausgleichen könnte",
+  "fewer than 500 ticks in service at one setpoint, or nothing moves": "weniger als 500 Takte in Betrieb mit einem Sollwert, oder nichts bewegt sich",
+  "nothing to mend shows in the record": "die Aufzeichnung zeigt nichts, was zu beheben wäre",
+  "it stood still for {=} s": "er stand {1} s lang still",
+  "{=} % of its rows jump off and back": "{1} % seiner Zeilen springen weg und zurück",
+  "its steps are {=}": "seine Stufen sind {1}",
+  "friction of {=} leaves {=} % less unexplained, in each half of the record": "Reibung von {1} lässt {2} % weniger unerklärt, in jeder Hälfte der Aufzeichnung",
+  "it swings every {=} s, {=} % of that is left many swings later": "er schwingt alle {1} s, {2} % davon bleiben viele Schwingungen später",
+  "it swings every {=} s": "er schwingt alle {1} s",
+  "a loop is judged by {=} ticks or more: ask for at least {=} s": "ein Regelkreis wird nach mindestens {1} Takten beurteilt: mindestens {2} s wählen",
+  "no loop is on record from {=} to {=}: ask for another time": "von {1} bis {2} ist kein Regelkreis aufgezeichnet: eine andere Zeit wählen",
+
   // what laws publish, and what is made of loops
   "which of its inputs is selected, from 1": "welcher Eingang gewählt ist, ab 1",
   "predicted from the next sample on": "Prädiktion ab dem nächsten Takt",

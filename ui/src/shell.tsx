@@ -21,6 +21,7 @@ import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {GraphicPage} from "./pages/graphic";
+import {HealthPage} from "./pages/health";
 import {LogBookPage} from "./pages/logbook";
 import {LoopPage} from "./pages/loop";
 import {OverviewPage} from "./pages/overview";
@@ -120,6 +121,7 @@ function Whole(): JSX.Element {
         {page === "graphic" && <GraphicPage />}
         {page === "plants" && (past ? <OnlyNow title={tr("page.plants")} /> : <PlantsPage />)}
         {page === "logbook" && <LogBookPage />}
+        {page === "health" && <HealthPage />}
       </main>
       <OpenFaceplate />
       <OpenWhy />

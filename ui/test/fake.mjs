@@ -243,6 +243,12 @@ export class Fake {
   }
 
   /** All that can be wrong is. */
+  /** Of a loop that needs somebody. */
+  #health() {
+    const none = {index: null, swing_s: null, regularity: null, lasting: null, friction: null, explained: null, still_s: null, jumps: null, step: null, travel_per_h: null, reversals_per_h: null};
+    return {t: this.now, since: this.now - 86400, until: this.now, left: 0, loops: [{id: 1, since: this.now - 3600, until: this.now, loop: "y", health: "valve", words: "the valve sticks or has backlash: look after it before you tune", evidence: "friction of 0.16 leaves 11 % less unexplained, in each half of the record", ticks: 3240, service: 0.98, at_low: 0, at_high: 0.02, ...none, index: 0.64, swing_s: 42.4, travel_per_h: 82.6, reversals_per_h: 2230}]};
+  }
+
   #diagnostics() {
     const figures = {count: 9, mean: 0.001, p50: 0.001, p99: 0.002, max: 0.003};
     return {
@@ -281,6 +287,8 @@ export class Fake {
         return json({t: this.now, plants: [{name: "line1", here: true, age: 0.2, page: null}, {name: "line2", here: false, age: 7412, page: "https://line2.example/"}]});
       case "/api/kpis":
         return json({t: this.now, since: this.now - 86400, until: this.now, loops: [{id: 1, name: "y", service: 0.98, at_low: 0, at_high: 0, sd_in_service: null, sd_without: null, benefit: null}], predictions: [], plans: []});
+      case "/api/health":
+        return json(this.#health());
       case "/api/predictions":
         return json(this.#predictions());
       case "/api/writes":

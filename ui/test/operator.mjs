@@ -376,7 +376,7 @@ test("dark by the system's wish and by the toggle", () =>
 // Promise(page/values-and-writes)
 test("400 pixels wide: nothing sticks out, and fingers find their targets", () =>
   withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
-    for (const key of ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics", "plants", "logbook"]) {
+    for (const key of ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics", "plants", "logbook", "health"]) {
       await page.goto(page.url().replace(/#.*/, `#${key}`));
       await page.locator("main section").waitFor();
       const wide = await page.evaluate(() => document.documentElement.scrollWidth);

@@ -108,7 +108,7 @@ for (const colorScheme of ["light", "dark"])
       const page = await open(browser, "overview", {colorScheme, viewport: {width, height: 800}});
       await page.getByRole("button", {name: "Past", exact: true}).click();
       await page.locator(".past-bar").waitFor();
-      for (const screen of ["overview", "loop", "alarms", "diagnostics", "logbook"]) {
+      for (const screen of ["overview", "loop", "alarms", "diagnostics", "logbook", "health"]) {
         await page.evaluate(where => (location.hash = where), screen);
         await page.locator("main h1").first().waitFor();
         await sound(page, screen);

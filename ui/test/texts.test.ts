@@ -113,6 +113,15 @@ test("each error, reason and state that the server has a sentence for has one in
   assert.deepEqual(all.filter(one => !(one in sentences)), []);
 });
 
+test("each verdict on a loop, and what it rests on, has a sentence in German", () => {
+  const verdicts = strings(listed("src/figures/health.c", "verdicts[] = {", "};")).filter(one => one.includes(" "));
+  const evidence = strings(body("apps/common/health_json.c", "health_evidence")).map(one => one.replaceAll("%%", "%"));
+  assert.ok(verdicts.length >= 9 && evidence.length >= 6, `${verdicts.length} ${evidence.length}`);
+  assert.deepEqual(verdicts.filter(one => !(one in sentences)), []);
+  assert.deepEqual(missing(evidence), []);
+  for (const word of ["sensor", "valve", "tight", "periodic", "swings", "limited", "slow", "unknown", "good"]) assert.ok(`health.${word}` in en, word);
+});
+
 // Promise(page): What laws have and publish is described in German as well.
 test("each parameter that a law has, and each variable that it publishes, is described in German", () => {
   const laws = [...sources].filter(([name]) => name.startsWith("src/control/"));

@@ -814,6 +814,48 @@ test("log book: what is entered goes once; a handover lists what stands, and is 
   env.routes.set("/api/events", route);
 });
 
+// Promise(page/health): *Loops' health* asks until all loops of the window are judged, puts the verdicts with their evidence in a table, and
+//   leads to the trend of that time; a refusal stands in its place.
+test("loops' health: asked until none is left, then verdicts, evidence and the trend of that time; refused in words", async () => {
+  const route = env.routes.get("/api/health")!;
+  const queries: Record<string, string>[] = [];
+  const judged = {index: 0.5, swing_s: 42.4, travel_per_h: 82.6, reversals_per_h: 2230, at_low: 0, at_high: 0.25, service: 0.98, ticks: 3600};
+  const none = {index: null, swing_s: null, travel_per_h: null, reversals_per_h: null, at_low: null, at_high: null, service: null, ticks: 0, evidence: null};
+  const loops = [
+    {id: 1, since: START - 3600, until: START, loop: "y1", health: "valve", words: "the valve sticks", evidence: "friction of 0.16", ...judged},
+    {id: 2, since: START, until: START, loop: "y2", health: "unknown", words: "too few ticks", ...none},
+  ];
+  env.routes.set("/api/health", asked => {
+    queries.push(asked.query);
+    asked.answer({t: server.now, since: START - 86400, until: START, left: queries.length < 3 ? 1 : 0, loops: queries.length < 3 ? [] : loops});
+  });
+  await show("health");
+  for (let i = 0; i < 4; i++) {
+    await env.pass(0.5);
+    await settle();
+  }
+  assert.equal(queries.length, 3);
+  assert.deepEqual(queries[0], {since: "-86400"});
+  assert.deepEqual(queries.slice(1), [{since: String(START - 86400), until: String(START)}, {since: String(START - 86400), until: String(START)}]);
+  assert.match(said(".health .toolbar"), /1 of 2 loops need somebody/);
+  const rows = [...document.querySelectorAll(".health tbody tr")].map(row => row.textContent);
+  assert.match(rows[0]!, /^y1.*Valve: the valve sticks.*friction of 0\.16.*3600 ticks judged.*98 %.*25 %.*0\.50.*42\.4 s.*82\.6 .*2230 \/h/);
+  assert.match(rows[1]!, /^y2.*Not judged: too few ticks/);
+  const links = [...document.querySelectorAll(".health tbody a.button")].map(link => link.getAttribute("href"));
+  assert.equal(links.length, 1, "of what is not on record there is no trend");
+  assert.match(links[0]!, new RegExp(`#trend/pens=.*;span=3600;to=${START}$`));
+  const select = document.querySelector<HTMLSelectElement>(".health select")!;
+  env.routes.set("/api/health", asked => asked.answer({error: {code: "record", message: "no loop is on record"}}, 422));
+  select.value = "28800";
+  select.dispatchEvent(new window.Event("change", {bubbles: true}) as never);
+  await settle();
+  await env.pass(0.5);
+  await settle();
+  assert.equal(said(".health .complaint"), "no loop is on record");
+  assert.equal(document.querySelectorAll(".health tbody").length, 0);
+  env.routes.set("/api/health", route);
+});
+
 const cause = (input: string, kind: string, before: number | null, now: number | null, effect: number, rest: object = {}) => ({input, kind, unit: "m", before, now, status_before: "Good", status: "Good", written: null, author: null, event: null, effect, ...rest});
 
 // Promise(page/page-why): *Why?* beside an output, or an event that may have moved one, tells the causes by their effect, who wrote,
@@ -2357,7 +2399,7 @@ test("the past is on the screens until Esc, nothing can be written there, and wh
   await show("alarms");
   assert.match(said(".alarm-list tbody"), /y1\.high/);
   assert.doesNotMatch(said(".alarm-list tbody"), /y2\.low/);
-  for (const page of ["overview", "trend", "events", "timing", "prediction", "graphic", "logbook", "diagnostics", "plants"]) {
+  for (const page of ["overview", "trend", "events", "timing", "prediction", "graphic", "logbook", "health", "diagnostics", "plants"]) {
     await show(page);
     assert.match(said(".past-top"), /^Past /, page);
   }

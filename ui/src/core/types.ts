@@ -235,6 +235,32 @@ export interface Kpi {
   service: number | null; // share of the time, 0 to 1
 }
 
+/** Which loops need somebody; those of the window that have been judged, all of them where none is left. */
+export interface Health {
+  since: number;
+  until: number;
+  left: number;
+  loops: LoopHealth[];
+}
+
+export interface LoopHealth {
+  id: number;
+  since: number; // what is on record of it
+  until: number;
+  loop: string;
+  health: string;
+  words: string;
+  evidence: string | null;
+  ticks: number;
+  service: number | null;
+  at_low: number | null;
+  at_high: number | null;
+  index: number | null;
+  swing_s: number | null;
+  travel_per_h: number | null;
+  reversals_per_h: number | null;
+}
+
 export interface Trajectory {
   ref: Ref;
   name: string;
