@@ -357,8 +357,9 @@ struct alarm_trial {
     struct alarm_try at[ALARM_TRIES];
     size_t n; /* the first is as it is */
     struct apc_alarms *core;
-    apc_ns tick, period; /* the next evaluation */
-    apc_ns began;        /* since when it stands, as it is; 0: it does not */
+    apc_ns tick, period;  /* the next evaluation */
+    apc_ns settle, quiet; /* for so long after a row, until then, an evaluation may find something else */
+    apc_ns began;         /* since when it stands, as it is; 0: it does not */
 };
 
 /* The core of it: rows of the alarm's signals and of table alarm, by time, in; counts out. A row of table alarm

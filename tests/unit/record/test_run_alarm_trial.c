@@ -280,6 +280,40 @@ static void an_alarm_of_the_first_evaluation_counts(void **state)
     apc_store_close(store);
 }
 
+/* Evaluated second by second this would take minutes; and it is asked for what there is, not for each ten minutes. */
+static void where_nothing_is_recorded_nothing_is_evaluated(void **state)
+{
+    static const struct {
+        apc_ns time;
+        double value;
+    } recorded[] = {{S, -1}, {101 * S, 1}, {BEGIN, -1}, {BEGIN + 10 * S, 1}}; /* half a century apart */
+    struct alarm alarm = {
+        .is = {.name = "y.high", .kind = APC_ALARM_HIGH, .table = APC_SENSOR, .id = 1, .priority = 1},
+        .name = "y.high"};
+    const struct experiment e = {.alarm = &alarm, .n_alarms = 1, .alarms.rhythm.period = S};
+    const struct apc_range range = {.since = S, .until = BEGIN + 3600 * S};
+    struct apc_store *store = empty_store();
+    struct alarm_trial t;
+    struct apc_error why;
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        const struct apc_sample row = {
+            .table = APC_SENSOR, .id = 1, .seq = i + 1, .time = recorded[i].time, .value = recorded[i].value};
+        assert_int_equal(apc_store_append(store, &row, 1), 1);
+    }
+    if (alarm_trial_make(&t, store, &e, &alarm, S, &range, 0, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(t.n > 10);
+    for (size_t i = 0; i < t.n; i++) {
+        const struct alarm_try *one = &t.at[i];
+        assert_int_equal(one->raised, one->setting == ALARM_OFF_DELAY && one->value >= 10 ? 1 : 2);
+        assert_int_equal(one->missed, 0);
+        assert_near(apc_ns_to_s(one->later), one->setting == ALARM_ON_DELAY ? one->value : 0, 0);
+    }
+    alarm_trial_free(&t);
+    apc_store_close(store);
+}
+
 static void what_cannot_be_tried_is_said(void **state)
 {
     struct alarm alarm = {
@@ -311,6 +345,7 @@ int main(void)
         cmocka_unit_test(the_smallest_value_that_does_nearly_as_much_as_the_largest_is_proposed),
         cmocka_unit_test(as_they_are_the_alarms_of_a_run_come_as_the_journal_has_them),
         cmocka_unit_test(an_alarm_of_the_first_evaluation_counts),
+        cmocka_unit_test(where_nothing_is_recorded_nothing_is_evaluated),
         cmocka_unit_test(what_cannot_be_tried_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
