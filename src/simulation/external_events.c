@@ -235,7 +235,8 @@ static int repeat_recorded_row(struct simulation *s, const struct apc_sample *ro
     const int author = apc_store_author(s->store, "apc-simulate");
     put.seq = APC_SEQ_ANY;
     put.author = author > 0 ? (uint32_t)author : 0;
-    return author < 0 ? author : apc_store_put(s->store, &put, 1);
+    const int rc = author < 0 ? author : samples_add(&s->written, row);
+    return rc < 0 ? rc : apc_store_put(s->store, &put, 1);
 }
 
 void simulation_repeat(void *ctx)

@@ -92,6 +92,12 @@ static apc_ns next_plant_tick(const struct simulation *s, apc_ns t)
     return t < r->phase ? r->phase : r->phase + ((t - r->phase) / r->period + 1) * r->period;
 }
 
+apc_ns simulation_nearest_tick(const struct experiment *e, apc_ns t)
+{
+    const struct rhythm *r = &e->plant.rhythm;
+    return t < r->phase / 2 ? 0 : r->phase + (t - r->phase + r->period / 2) / r->period * r->period;
+}
+
 static int make_paced_tick(struct pacer *p, apc_ns t, apc_ns end)
 {
     struct simulation *s = p->s;

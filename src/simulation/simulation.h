@@ -57,9 +57,10 @@ struct simulation {
     const struct playback
         *playback; /* what a run in real time did until it goes on; NULL: all is simulated */
     const struct samples
-        *repeats;              /* its rows, or those of simulation_repeat_writes(); NULL: there are none */
-    size_t repeated;           /* of them */
-    struct samples written;    /* by people, since t = 0, at the time from which on each is in effect */
+        *repeats;    /* its rows, or those of simulation_repeat_writes(); NULL: there are none */
+    size_t repeated; /* of them */
+    /* By people, also in a run that is repeated, at the time from which on each is in effect. */
+    struct samples written;
     struct apc_alarms *alarms; /* NULL: there are none */
     struct apc_store *store;   /* mem:, a name of its own; or shm:, shared */
     char uri[256];
@@ -138,6 +139,8 @@ int simulation_stream(struct simulation *s, double until, simulation_take_fn *ta
 int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,
                              struct apc_error *why);
 int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx), void *ctx);
+/* The plant's tick next to @t, since t = 0; 0 is one. */
+apc_ns simulation_nearest_tick(const struct experiment *e, apc_ns t);
 /* What people wrote in another run of it, as simulation.written has it, each at its time and before all else of that
  * instant. Of a simulation that has not begun; @rows outlive it. Returns 0 or APC_ENOMEM. */
 int simulation_repeat_writes(struct simulation *s, const struct samples *rows);

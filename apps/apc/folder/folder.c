@@ -16,6 +16,7 @@
 #include "files/files.h"
 #include "record/record.h"
 #include "record/samples_columns.h"
+#include "simulation/simulation.h"
 
 #define PATH_LEN 600
 
@@ -644,20 +645,17 @@ int folder_put_written(const char *dir, const struct samples *written, apc_ns st
 
 int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why)
 {
-    const struct rhythm *tick = &e->plant.rhythm;
     char dir[sizeof e->file], path[PATH_LEN];
     *written = (struct samples){0};
     if (!dir_of_run(e, dir))
         return 0;
     path_in_folder(dir, WRITTEN_FILE, "", path);
-    const int rc = access(path, F_OK) == 0 ? samples_read(written, dir, WRITTEN_FILE, why) : 0;
-    for (size_t i = 0; i < written->n; i++) { /* the file has whole microseconds */
-        apc_ns *t = &written->at[i].time;
-        *t = *t < tick->phase / 2
-                 ? 0
-                 : tick->phase + (*t - tick->phase + tick->period / 2) / tick->period * tick->period;
-    }
-    return rc;
+    if (access(path, F_OK) != 0)
+        return 0;
+    const int rc = samples_read(written, dir, WRITTEN_FILE, why);
+    for (size_t i = 0; i < written->n; i++) /* the file has whole microseconds */
+        written->at[i].time = SIMULATION_BEGIN + simulation_nearest_tick(e, written->at[i].time);
+    return rc < 0 ? rc : 1;
 }
 
 /* Of the file's actions, which it does say. */

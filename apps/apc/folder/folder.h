@@ -57,8 +57,8 @@ void folder_columns(const char *dir);
 /* What people wrote to a simulated plant, each row at the tick at which it took effect. Returns 0 or an error. */
 struct samples;
 int folder_put_written(const char *dir, const struct samples *written, apc_ns start, struct apc_error *why);
-/* That of the run whose folder @p e is of, times since its t = 0; none where it has no such file. Returns 0 or an error;
- * samples_free() in either case. */
+/* That of the run whose folder @p e is of, in the time of a simulation. Returns 1; 0: it has no such file; or an
+ * error. samples_free() in any case. */
 int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why);
 
 /* Rows of modes, tuning and manual outputs, or of tuning alone, that an operator wrote in the run whose folder

@@ -11,8 +11,10 @@
 
 #include "apc/common/experiment_warnings.h"
 #include "apc/common/speed.h"
+#include "apc/folder/folder.h"
 #include "common/storeuri.h"
 #include "run.h"
+#include "simulation/simulation.h"
 
 #define HISTORIAN_PERIOD (APC_NS_PER_S / 10)
 #define PAGE_PORT        8080
@@ -32,6 +34,8 @@ static void check_run_options(void *input, const struct argp_state *state)
             : o->spin         ? "--spin"
             : o->hold_latency ? "--hold-latency"
                               : "--history");
+    if (o->from > 0 && !o->pace)
+        argp_error(state, "--from: what was in real time does not come again: expected with --speed");
     if (o->spin && o->timer && !strcmp(o->timer, "posix"))
         argp_error(state, "--spin: the executive posix cannot spin");
 }
@@ -53,6 +57,10 @@ static const struct option_spec own_options[] = {
      "speed` "
      "changes it",
      OPTION_TEXT, AT(pace)},
+    {"from", 0, "SECONDS",
+     "With --speed, of the folder of such a run: do again what people did before that time, and go on from "
+     "there",
+     OPTION_NUMBER, AT(from), .low = 1e-6, .high = YEAR, .must = "be seconds, above 0, to 31622400"},
     {"timer", 't', "NAME", "Executive of all daemons: deadline (default) or posix", OPTION_TEXT, AT(timer),
      .choices = timers, .must = "be deadline or posix"},
     {"spin", 0, NULL, "The daemons spin for the last microseconds before a tick (deadline only)", OPTION_FLAG,
@@ -89,6 +97,28 @@ static const struct cli_spec spec = {
     .options = own_options,
     .check = check_run_options,
 };
+
+/* Of the run that is gone on from what people wrote before. */
+static int load_written(struct run *r, struct apc_error *why)
+{
+    struct samples *w = &r->written;
+    apc_ns from = 0;
+    const int rc = folder_written(&r->e, w, why);
+    if (rc == 0)
+        return apc_fail(
+            why, APC_ENOTFOUND,
+            "--from: %s: expected the folder of a run of `apc run --speed`, which has " WRITTEN_FILE,
+            r->e.file);
+    if (rc > 0 && r->e.duration > 0 && r->options.from >= r->e.duration)
+        return apc_fail(why, APC_ERANGE, "--from %g: the run takes %g s: expected a time before its end",
+                        r->options.from, r->e.duration);
+    (void)apc_ns_from_s(r->options.from, &from);
+    from = simulation_nearest_tick(&r->e, from);
+    while (w->n > 0 && w->at[w->n - 1].time >= SIMULATION_BEGIN + from)
+        w->n--;
+    r->options.from = apc_ns_to_s(from);
+    return rc;
+}
 
 /* ---- Signals ------------------------------------------------------------------------------ */
 
@@ -363,6 +393,10 @@ static int run_experiment(struct run *r)
     warn(&r->cli, &r->e);
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
+    if (r->options.from > 0 && (rc = load_written(r, &why)) < 0) {
+        cli_error(&r->cli, rc, "%s", why.text);
+        return rc;
+    }
     block(&signals);
     signal(SIGPIPE, SIG_IGN); /* `apc run ... | head` is no reason to leave no report */
     if ((rc = run_prepare_folder(r)) < 0)
@@ -416,6 +450,7 @@ int command_run(int argc, char **argv)
     umask(077); /* the record of a plant is its owner's */
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     int rc = run_experiment(&r);
+    samples_free(&r.written);
     apc_store_close(r.store);
     apc_store_close(r.guard);
     free(r.daemons.child);

@@ -11,6 +11,7 @@
 #include "apc/folder/segment.h"
 #include "experiment/experiment.h"
 #include "live.h"
+#include "record/record.h"
 #include "supervisor.h"
 
 #define RUN_LEAD (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
@@ -21,6 +22,7 @@ struct run_options {
     bool spin, hold_latency, no_ui, force;
     const char *pace; /* --speed; NULL: in real time, with daemons */
     double speed;
+    double from; /* s: what people did before in the run whose folder it is, is done again; 0: not */
     struct experiment_overrides overrides;
 };
 
@@ -40,6 +42,7 @@ struct run {
     apc_ns stopped;              /* monotonic: when it was ended */
     size_t controllers;          /* the first one's place among the daemons */
     size_t done;                 /* of the experiment's actions */
+    struct samples written;      /* --from: what people wrote before it */
     char dir[512], config[544], store_name[400], live_name[128], host[256];
     struct segment segment;          /* the store in memory, if it was given none */
     char own_history[PATH_MAX + 32]; /* URI of a file in dir; "": it was given one, or a store alone */

@@ -82,9 +82,40 @@ static int open_record(struct simulated_run *v, struct apc_error *why)
     return rc < 0 ? rc : apc_replication_create(&v->record, v->s.store, v->history, why);
 }
 
+/* As fast as it goes to where people go on, at the speed that they asked for. Returns 1, 0: it was ended before, or an
+ * error. */
+static int repeat_until_then(struct simulated_run *v)
+{
+    const struct run *r = v->r;
+    if (!(r->options.from > 0))
+        return 1;
+    int rc = simulation_repeat_writes(&v->s, &r->written);
+    if (rc == 0)
+        rc = apc_store_set_speed(v->s.store, HUGE_VAL, 0);
+    if (rc == 0)
+        rc = simulation_pace(&v->s, r->options.from, look_after, v);
+    if (rc == 0)
+        rc = apc_store_set_speed(v->s.store, r->options.speed, 0);
+    return rc < 0 ? rc : v->s.ended >= r->options.from;
+}
+
+static void simulate_for_people(struct simulated_run *v)
+{
+    struct run *r = v->r;
+    struct apc_error why;
+    int rc = repeat_until_then(v);
+    if (rc > 0)
+        rc = simulation_pace(&v->s, r->e.duration > 0 ? r->e.duration : YEAR, look_after, v);
+    if (rc < 0 && !r->failure.text[0])
+        r->failure = v->s.why;
+    say_time(v);
+    rc = folder_put_written(r->dir, &v->s.written, SIMULATION_BEGIN, &why);
+    if (rc < 0 && !r->failure.text[0])
+        r->failure = why;
+}
+
 void run_simulated(struct run *r, const sigset_t *signals)
 {
-    const double until = r->e.duration > 0 ? r->e.duration : YEAR;
     struct simulated_run v = {.r = r, .signals = signals, .terminal = isatty(STDOUT_FILENO)};
     struct apc_error why;
     int rc = simulation_create_shared(&v.s, &r->e, r->e.seed, r->cli.store, &why);
@@ -92,14 +123,8 @@ void run_simulated(struct run *r, const sigset_t *signals)
         rc = open_record(&v, &why);
     if (rc < 0)
         fail_simulated(&v, rc, "", why.text);
-    else if (simulation_pace(&v.s, until, look_after, &v) < 0 && !r->failure.text[0])
-        r->failure = v.s.why;
-    if (rc == 0) {
-        say_time(&v);
-        rc = folder_put_written(r->dir, &v.s.written, SIMULATION_BEGIN, &why);
-        if (rc < 0 && !r->failure.text[0])
-            fail_simulated(&v, rc, "", why.text);
-    }
+    else
+        simulate_for_people(&v);
     (void)apc_ns_from_s(v.s.ended, &r->stopped);
     if (v.terminal)
         putchar('\n');

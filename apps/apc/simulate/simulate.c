@@ -382,7 +382,7 @@ static int leave_simulation_report(const struct simulate *r)
     struct apc_error why;
     int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
     if (rc == 0 && r->written.n > 0)
-        rc = folder_put_written(r->options.report, &r->written, SIMULATION_BEGIN, &why);
+        rc = folder_put_written(r->options.report, &r->s.written, SIMULATION_BEGIN, &why);
     if (rc < 0)
         return refuse_simulation(r, rc, &why);
     rc = report_leave(&r->cli, r->options.report, &r->e, r->e.title, NULL, &why);
@@ -511,9 +511,7 @@ static int run_for_report(struct simulate *r, struct sink *sink)
 static int create_simulation(struct simulate *r, struct apc_error *why)
 {
     int rc = folder_written(&r->e, &r->written, why);
-    for (size_t i = 0; i < r->written.n; i++)
-        r->written.at[i].time += SIMULATION_BEGIN;
-    if (rc == 0)
+    if (rc >= 0)
         rc = simulation_create(&r->s, &r->e, r->options.seed, why);
     if (rc == 0 && (rc = simulation_repeat_writes(&r->s, &r->written)) < 0)
         apc_fail(why, rc, "out of memory");

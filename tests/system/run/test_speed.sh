@@ -130,6 +130,36 @@ expect 0 'r 12 -> 8 in 4 s' "$apc" simulate "$work/session"
 expect 0 '' "$apc" simulate "$work/session" --report "$work/copy"
 again "$work/copy"
 expect 0 'written again at the same ticks' "$apc" simulate "$work/session" --set controller.Kp=0.2
+# Promise(run/session-from): apc run RUN --speed X --from T does again what people did before T, and goes on from there: who does
+#   the same as then has the same run, who does something else another one.
+# go_on NAME OPTION...: from a place of that session, paused there
+go_on() {
+  local name=$1
+  shift
+  "$apc" run "$work/session" --speed 0 --no-ui --out "$work/$name" "$@" >"$work/$name.log" 2>&1 &
+  pid=$!
+  until_true 20 grep -q APC_STORE "$work/$name.log"
+  store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/$name.log")
+  until_true 60 caught_up
+}
+caught_up() { speed --json | grep -q '"t":9466848[0-9.]*,"asked":0,'; }
+go_on rest --from 30 # after all that was done
+speed max
+wait $pid || fail "exit code $?"
+[ "$(digest "$work/rest/samples.csv")" = "$(digest "$work/session/samples.csv")" ] || fail "the rest of the run is another"
+go_on other --from 11.31 # the ramp of 2.4 s is over, the loop is in Auto yet
+expect 0 '"t":946684811.4' speed --json
+expect 0 '"applied"|written' "$apc" set --store "$store" r 15
+speed max
+wait $pid || fail "exit code $?"
+again "$work/other"
+awk -F, '$1 >= 11.4 { exit } { print }' "$work/session/samples.csv" >"$work/before"
+awk -F, '$1 >= 11.4 { exit } { print }' "$work/other/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
+grep -q '^11.400000,setpoint,1,Good,15$' "$work/other/samples.csv" || fail "nobody could go on otherwise"
+expect 1 'expected the folder of a run of' "$apc" run "$file" --speed 1 --from 5 --out "$work/no"
+expect 4 'expected a time before its end' "$apc" run "$work/session" --speed 1 --from 60 --out "$work/no"
+expect 2 'expected with --speed' "$apc" run "$work/session" --from 5 --out "$work/no"
+expect 2 'must be seconds, above 0' "$apc" run "$work/session" --speed 1 --from 0 --out "$work/no"
 cp -r "$work/session" "$work/torn"
 head -c 60 "$work/session/written.csv" >"$work/torn/written.csv"
 expect 1 'written.csv' "$apc" simulate "$work/torn"
