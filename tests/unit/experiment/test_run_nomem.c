@@ -152,6 +152,15 @@ static int value_kpis(void)
     return rc;
 }
 
+static int judge_health(void)
+{
+    const struct health_asked asked = {.give_up = INT64_MAX};
+    struct kpis m = {.from = 1, .until = apc_clock_utc(s.clock)};
+    int rc = health_of_store(&m, s.store, &asked);
+    kpis_free(&m);
+    return rc;
+}
+
 static int look_ahead(void)
 {
     struct prediction o = {0};
@@ -301,10 +310,11 @@ static void what_is_made_of_a_run_is_whole_or_not_there(void **state)
     static const struct {
         const char *what;
         int (*step)(void);
-    } steps[] = {{"tags", make_tags},        {"provision", provide}, {"samples", collect},
-                 {"course", follow},         {"figures", judge},     {"merits", value_kpis},
-                 {"prediction", look_ahead}, {"ticks", read_ticks},  {"loops", read_loops},
-                 {"alarms", read_journal},   {"text", rewrite},      {"linear", linearise}};
+    } steps[] = {{"tags", make_tags},        {"provision", provide},   {"samples", collect},
+                 {"course", follow},         {"figures", judge},       {"merits", value_kpis},
+                 {"prediction", look_ahead}, {"ticks", read_ticks},    {"loops", read_loops},
+                 {"health", judge_health},   {"alarms", read_journal}, {"text", rewrite},
+                 {"linear", linearise}};
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         char path[300];
