@@ -23,7 +23,7 @@
 
 struct alarm_options {
     bool all, once, figures;
-    const char *for_, *since, *last, *reason, *at;
+    const char *for_, *since, *until, *last, *reason, *at;
 };
 
 struct session {
@@ -44,6 +44,7 @@ static const struct option_spec own_options[] = {
     {"reason", 'r', "TEXT", "Why, for the record; at most 80 bytes", OPTION_TEXT, AT(reason)},
     {"since", 0, "TIME", "journal, try: from then on, RFC 3339 or before now as -8h; try: by default -24h",
      OPTION_TEXT, AT(since)},
+    {"until", 0, "TIME", "journal, try: before then; default: now", OPTION_TEXT, AT(until)},
     {"last", 0, "N", "journal: the newest N transitions", OPTION_TEXT, AT(last)},
     {"figures", 0, NULL, "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it",
      OPTION_FLAG, AT(figures)},
@@ -263,12 +264,14 @@ static int show_journal(struct session *s, const struct alarm_journal *j)
     return rc < 0 ? cli_error(&s->cli, rc, "out of memory") : EXIT_OK;
 }
 
-static int show_figures(struct session *s, const struct alarm_journal *j, apc_ns since)
+static int show_figures(struct session *s, const struct alarm_journal *j, const struct apc_range *range)
 {
     struct alarm_figures figures;
     struct text t = {.out = stdout};
-    const apc_ns from = since ? since : j->n > 0 ? j->at[0].time : s->now;
-    int rc = alarm_figures_make(&figures, j, &s->summary.e, from, s->now);
+    const apc_ns until = range->until ? range->until : s->now, from = range->since ? range->since
+                                                                      : j->n > 0   ? j->at[0].time
+                                                                                   : until;
+    int rc = alarm_figures_make(&figures, j, &s->summary.e, from, until);
     if (rc == 0 && s->cli.format == CLI_JSON) {
         json_add(&t, "{");
         alarms_member_json(&figures, &s->summary.e, from, &t);
@@ -284,8 +287,11 @@ static int journal(struct session *s)
     struct apc_range range = {0};
     struct alarm_journal j = {0};
     char *end = NULL;
-    if (cli_time(&s->cli, "since", s->options.since, &range.since) != EXIT_OK)
+    if (cli_time(&s->cli, "since", s->options.since, &range.since) != EXIT_OK ||
+        cli_time(&s->cli, "until", s->options.until, &range.until) != EXIT_OK)
         return EXIT_USAGE;
+    if (s->options.since && s->options.until && range.since >= range.until)
+        return cli_usage(&s->cli, "--since: \"%s\" must be before %s", s->options.since, s->options.until);
     range.last = s->options.since || s->options.figures ? 0 : LAST;
     if (s->options.last) {
         errno = 0;
@@ -299,7 +305,7 @@ static int journal(struct session *s)
         rc = rc == APC_ENOMEM ? cli_error(&s->cli, rc, "out of memory")
                               : cli_store_error(&s->cli, rc, s->store);
     else
-        rc = s->options.figures ? show_figures(s, &j, range.since) : show_journal(s, &j);
+        rc = s->options.figures ? show_figures(s, &j, &range) : show_journal(s, &j);
     alarm_journal_free(&j);
     return rc;
 }
@@ -322,7 +328,8 @@ static void show_try(const struct cli_tags *tags, const struct apc_alarm *alarm,
 static void show_trial(const struct cli_tags *tags, const struct alarm *alarm, const struct alarm_trial *t)
 {
     size_t n = 0;
-    printf("%s: %zu alarms in %.3g h", alarm->name, t->at[0].raised, apc_ns_to_s(t->until - t->since) / 3600);
+    printf("%s: %zu alarm%s in %.3g h", alarm->name, t->at[0].raised, t->at[0].raised == 1 ? "" : "s",
+           apc_ns_to_s(t->until - t->since) / 3600);
     if (t->recorded != t->at[0].raised)
         printf(" (on record: %zu)", t->recorded);
     for (size_t i = 0; i < t->n; i++)
@@ -376,6 +383,15 @@ static int find_worst_alarms(struct session *s, const struct apc_range *range, c
     return rc < 0 ? rc : n;
 }
 
+/* Before it, as it may take a while. */
+static void say_trial(const struct apc_range *range)
+{
+    char since[PRINT_LEN], until[PRINT_LEN];
+    printf("what is on record from %s to %s:\n", print_second(range->since, since),
+           print_second(range->until, until));
+    fflush(stdout);
+}
+
 static int try_alarms_of(struct session *s, const struct cli_tags *tags, const struct apc_range *range)
 {
     const struct alarm *worst[WORST];
@@ -388,6 +404,8 @@ static int try_alarms_of(struct session *s, const struct cli_tags *tags, const s
         json_add(&t, "{alarms:[");
     else if (n == 0)
         puts("no alarm of a signal came in that time");
+    else
+        say_trial(range);
     for (int i = 0; i < n && rc == EXIT_OK; i++) {
         const struct alarm *alarm =
             named ? alarm_summary_alarm(&s->summary, alarm_summary_find(&s->summary, s->cli.args[i + 1]))
@@ -401,12 +419,16 @@ static int try_alarms_of(struct session *s, const struct cli_tags *tags, const s
 
 static int try_settings(struct session *s)
 {
-    struct apc_range range = {.since = s->now - DAY, .until = s->now};
+    struct apc_range range = {.until = s->now};
     struct cli_tags tags;
+    if (cli_time(&s->cli, "until", s->options.until, &range.until) != EXIT_OK)
+        return EXIT_USAGE;
+    range.since = range.until - DAY;
     if (cli_time(&s->cli, "since", s->options.since, &range.since) != EXIT_OK)
         return EXIT_USAGE;
     if (range.since >= range.until)
-        return cli_usage(&s->cli, "--since: \"%s\" must be before now", s->options.since);
+        return cli_usage(&s->cli, "--since: \"%s\" must be before %s", s->options.since,
+                         s->options.until ? s->options.until : "now");
     int rc = check_named_alarms(s);
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_tags_load(&s->cli, s->store, &tags));
