@@ -180,6 +180,34 @@ APC_API int apc_identify_parameters(const struct apc_record *record, const struc
                                     double *value, double *error, double *x0, double *run,
                                     struct apc_error *why);
 
+/** White noise, of a state or a measurement. */
+struct apc_noise {
+    double deviation; /**< of a state: of a random walk in 1 s; 0: the record shows none */
+    double error;     /**< standard error of its logarithm; NAN: only that it is no greater can be told */
+};
+/** Zero means default. */
+struct apc_likelihood {
+    size_t size;
+    const size_t *noisy; /**< [n_noisy] states with process noise, from 0; n_noisy 0: all */
+    size_t n_noisy;
+    struct apc_noise *process;  /**< [n_noisy, or nx] result, required */
+    struct apc_noise *measured; /**< [ny] likewise */
+    double *white; /**< [ny] the probability that innovations as white as those are not; or NULL */
+    double value;  /**< logarithm of the likelihood */
+};
+/**
+ * The same by maximum likelihood, of dx = f dt + process noise, y = g + white noise. The likelihood's logarithm
+ * is the sum over all measurements of -(log(2 pi S) + v^2/S)/2. v is what the extended Kalman filter did not
+ * expect, from all measurements before, and S its variance (Kristensen, Madsen and Jorgensen, Automatica 40,
+ * 2004). Also for plants that drift or are unstable. Unknowns are the parameters sought, of which there may be none, the noises,
+ * and x0 of each run, uncertain by what noise makes of it in a period. Fisher's scoring finds them, from where
+ * apc_identify_parameters() ends. @p error is from Fisher's information. Returns as that function; also
+ * APC_ESOLVER where a noisy state acts on nothing measured. [setup]
+ */
+APC_API int apc_identify_likelihood(const struct apc_record *record, const struct apc_parameters *sought,
+                                    struct apc_likelihood *of, double *value, double *error, double *x0,
+                                    double *run, struct apc_error *why);
+
 /* ---- Validation ------------------------------------------------------------------------------------ */
 
 /** How well a model goes with a record, of one output. NAN: it cannot be told. */

@@ -359,8 +359,8 @@ static void add_scores(const struct run *run, const double *run_free, const doub
     }
 }
 
-/* Ljung and Box, Biometrika 65, 1978. e [n] may have NAN. */
-static double white_of(const double *e, size_t n)
+/* Ljung and Box, Biometrika 65, 1978. */
+double apc_white_probability(const double *e, size_t n)
 {
     double sum = 0.0, all = 0.0, there = 0.0;
 
@@ -478,7 +478,7 @@ static int score_record(const struct apc_linear *m, const struct apc_record *r, 
         of[i] =
             (struct apc_validation){.fit = 100.0 * (1.0 - sqrt(s->free / s->all)),
                                     .ahead = filtered ? 100.0 * (1.0 - sqrt(s->ahead / s->all)) : (double)NAN,
-                                    .white = white_of(all.e, all.n),
+                                    .white = apc_white_probability(all.e, all.n),
                                     .independent = independent};
     }
     free(all.e);

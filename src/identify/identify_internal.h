@@ -84,6 +84,8 @@ int apc_identified_create(struct apc_identified **model, const struct apc_record
 /* How badly the model's free run goes with r from @p from on, that share of each run: root mean square of the
  * errors of all outputs, each relative to its deviation. HUGE_VAL: it runs away. Negative: an error. */
 double apc_identified_misfit(const struct apc_identified *model, const struct apc_record *r, size_t from);
+/* The probability that errors as white as e [n] are not; it may have NAN. */
+double apc_white_probability(const double *e, size_t n);
 /* The growth of x[k+1] = A x[k] a step: the spectral radius. [n * n], work [2 * n * n] */
 double apc_spectral_radius(size_t n, const double *A, double *work);
 

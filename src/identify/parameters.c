@@ -21,6 +21,7 @@
 #define ROUNDS   3    /* of what errors are expected to be like */
 #define APART    1e-3 /* of what an unknown does that nothing else does, at least */
 #define TOGETHER 0.1  /* of it that another does which is named with it */
+#define REACH    9.0  /* of a noise's logarithm, to either side of what could be expected */
 
 /* ---- Running -------------------------------------------------------------------------------------- */
 
@@ -32,6 +33,10 @@ void fit_put(struct fit *f, size_t q, double value)
         f->x0[of->run * f->model->nx + of->at] = value;
     else if (of->kind == BEFORE)
         f->before[of->run * LEVELS * f->inputs + of->at] = value;
+    else if (of->kind == PROCESS)
+        f->process[of->at] = apc_exp(value);
+    else if (of->kind == MEASURED)
+        f->measured[of->at] = apc_exp(value);
     else if (of->kind == PARAMETER)
         f->p[of->at] = value;
     else
@@ -59,20 +64,21 @@ bool fit_acts_late(const struct fit *f)
     return late;
 }
 
-/* What acts from sample @p k of a run on. */
-static int drive_fit(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, double k)
+void fit_take_inputs(struct fit *f, size_t g, const struct apc_record *run, double k)
 {
     const double *u = inputs_of(f, g, run, k);
+
+    for (size_t j = 0; j < f->inputs; j++)
+        f->u[f->s.input ? f->s.input[j] : j] = u[j];
+}
+
+static int drive_fit(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, double k)
+{
     int rc = 0;
 
-    for (size_t j = 0; j < f->inputs; j++) {
-        const size_t to = f->s.input ? f->s.input[j] : j;
-
-        if (to < f->model->nu)
-            f->u[to] = u[j];
-        else if (rc == 0)
-            rc = apc_plant_disturb(plant, to - f->model->nu, u[j]);
-    }
+    fit_take_inputs(f, g, run, k);
+    for (size_t j = 0; j < f->model->nd && rc == 0; j++)
+        rc = apc_plant_disturb(plant, j, f->u[f->model->nu + j]);
     return rc;
 }
 
@@ -99,12 +105,15 @@ int fit_run(struct fit *f, double *y, struct apc_error *why)
     const size_t ny = f->r.ny;
     int rc = 0;
 
+    apc_param_initials(f->model->input, f->model->nu, f->u);
+    apc_param_initials(f->model->disturbance, f->model->nd, f->u + f->model->nu);
+    if (f->filtered)
+        return fit_filter(f, y, why);
     for (size_t g = 0; g < f->runs && rc == 0; g++) {
         const struct apc_record run = apc_record_run(&f->r, g);
         double *to = y + (apc_record_end(&f->r, g) - run.n) * ny;
         struct apc_plant *plant = NULL;
 
-        apc_param_initials(f->model->input, f->model->nu, f->u);
         rc = apc_plant_create(&plant, f->model, f->p, f->x0 + g * f->model->nx, &f->plant, why);
         for (size_t k = 0; k < run.n && rc == 0; k++) {
             rc = drive_fit(f, plant, g, &run, (double)k - floor(f->dead_time / run.Ts + 1e-9));
@@ -161,6 +170,8 @@ static void weigh_residuals(const struct fit *f, double *column)
 /* e = what is measured without y, weighed. Returns its sum of squares. */
 double fit_misfit(const struct fit *f, const double *y, double *e)
 {
+    if (f->filtered)
+        return fit_surprise(f, y, e);
     for (size_t k = 0; k < f->rows; k++)
         e[k] = isfinite(f->r.y[k]) ? f->r.y[k] - y[k] : 0.0;
     weigh_residuals(f, e);
@@ -229,7 +240,10 @@ int fit_differentiate(struct fit *f, struct apc_error *why)
         fit_put(f, q, at);
         for (size_t k = 0; k < f->rows && rc == 0; k++)
             out[k] = (f->plus[k] - f->minus[k]) / (up - down) * of->size;
-        weigh_residuals(f, out);
+        if (f->filtered)
+            fit_weigh_filtered(f, out);
+        else
+            weigh_residuals(f, out);
     }
     if (rc == 0)
         apc_qr_extend(f->rows, 0, f->m, f->Q, f->R, f->m);
@@ -246,7 +260,11 @@ static const char *name_of_unknown(const struct fit *f, size_t q, char *room, si
         return "dead_time";
     if (of->kind == PARAMETER)
         return f->model->param[of->at].name;
-    if (of->kind == BEFORE)
+    if (of->kind == PROCESS)
+        snprintf(room, size, "the noise of state %zu", of->at + 1);
+    else if (of->kind == MEASURED)
+        snprintf(room, size, "the noise of output %zu", of->at + 1);
+    else if (of->kind == BEFORE)
         snprintf(room, size, "what input %zu was before", of->at % f->inputs + 1);
     else if (f->model->state)
         snprintf(room, size, "where %s begins", f->model->state[of->at].name);
@@ -319,6 +337,14 @@ static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, siz
         f->value[q] = f->dead_time;
         return;
     }
+    if (kind == PROCESS || kind == MEASURED) { /* of logarithms */
+        f->value[q] = apc_log(kind == PROCESS ? f->process[at] : f->measured[at]);
+        usual = apc_log(kind == PROCESS ? f->scale[at] : f->deviation[at]);
+        of->low = usual - REACH;
+        of->high = usual + REACH;
+        of->size = 1.0;
+        return;
+    }
     if (table) {
         of->low = table[row].low;
         of->high = table[row].high;
@@ -336,17 +362,23 @@ static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, siz
     of->size = of->size > 0.0 ? of->size : 1.0;
 }
 
-/* The unknowns, where they are now: states, levels, and what is sought. */
+/* The unknowns, where they are now: states, levels, noises, and what is sought. */
 void fit_set_unknowns(struct fit *f)
 {
-    const size_t nx = f->model->nx, each = f->levels * f->inputs, states = f->runs * nx;
+    const size_t nx = f->model->nx, each = f->levels * f->inputs, states = f->runs * nx,
+                 noises = states + f->runs * each, process = f->filtered ? f->n_noisy : 0;
 
-    f->first = states + f->runs * each;
+    f->first = noises + process + (f->filtered ? f->r.ny : 0);
     f->m = f->first + f->s.n;
     for (size_t q = 0; q < states; q++)
         set_unknown(f, q, STATE, q / nx, q % nx);
-    for (size_t q = states; q < f->first; q++)
+    for (size_t q = states; q < noises; q++)
         set_unknown(f, q, BEFORE, (q - states) / each, (q - states) % each);
+    for (size_t q = noises; q < f->first; q++)
+        if (q - noises < process)
+            set_unknown(f, q, PROCESS, 0, f->noisy[q - noises]);
+        else
+            set_unknown(f, q, MEASURED, 0, q - noises - process);
     for (size_t q = 0; q < f->s.n; q++)
         set_unknown(f, f->first + q, f->s.which[q] < f->model->np ? PARAMETER : DEAD_TIME, 0, f->s.which[q]);
 }
@@ -400,7 +432,7 @@ static int begin_fit(struct fit *f, struct apc_error *why)
 /* ---- What is told ------------------------------------------------------------------------------------ */
 
 /* The standard error of unknown @p q, and behind it in small R'^-1 of its unit. */
-static double standard_error_of(struct fit *f, double variance, size_t q, double *g)
+double fit_standard_error(struct fit *f, double variance, size_t q, double *g)
 {
     memset(g, 0, f->m * sizeof(*g));
     g[q] = 1.0;
@@ -423,9 +455,9 @@ static int check_known(struct fit *f, double variance, size_t q, double error, s
             name_of_unknown(f, q, room, sizeof room), f->value[q]);
     if (1.96 * error < fmax(fabs(f->value[q]), late ? of->high : of->size))
         return 0;
-    standard_error_of(f, variance, q, mine);
+    fit_standard_error(f, variance, q, mine);
     for (size_t i = 0; i < f->m; i++) {
-        standard_error_of(f, variance, i, others);
+        fit_standard_error(f, variance, i, others);
         const double alike = apc_matrix_dot(mine, others, f->m) /
                              sqrt(apc_matrix_dot(mine, mine, f->m) * apc_matrix_dot(others, others, f->m));
 
@@ -444,14 +476,14 @@ static int check_known(struct fit *f, double variance, size_t q, double error, s
 static int report_parameters(struct fit *f, double left, double *value, double *error, struct apc_error *why)
 {
     const size_t rows = fit_counted(f);
-    const double variance = left / (double)(rows > f->m ? rows - f->m : 1);
+    const double variance = f->filtered ? 1.0 : left / (double)(rows > f->m ? rows - f->m : 1);
     int rc = fit_differentiate(f, why);
 
     if (rc == 0)
         rc = fit_check_apart(f, why);
     for (size_t q = f->first; q < f->m && rc == 0; q++) {
         value[q - f->first] = f->value[q];
-        error[q - f->first] = standard_error_of(f, variance, q, f->small);
+        error[q - f->first] = fit_standard_error(f, variance, q, f->small);
         rc = check_known(f, variance, q, error[q - f->first], why);
     }
     return rc;
@@ -466,7 +498,7 @@ static int check_sought(const struct fit *f, struct apc_error *why)
     if (apc_model_is_fmu(m))
         return apc_fail(why, APC_EINVAL, "parameters: %s is an FMU, that takes parameters as it starts only",
                         m->name);
-    if (!f->s.which || f->s.n == 0)
+    if (f->s.n == 0 ? !f->noisy : !f->s.which)
         return apc_fail(why, APC_EINVAL, "parameters: none is sought");
     for (size_t i = 0; i < f->s.n; i++) {
         for (size_t k = 0; k < i; k++)
@@ -493,8 +525,8 @@ static int open_fit(struct fit *f)
     const struct apc_model *m = f->model;
     const size_t ny = f->r.ny, runs = apc_record_runs(&f->r), inputs = f->r.nu + f->r.nd,
                  states = runs * m->nx, before = fit_acts_late(f) ? runs * LEVELS * inputs : 0,
-                 most = states + before + f->s.n;
-    const size_t rows = f->r.n * ny;
+                 most = states + before + (f->noisy ? f->n_noisy + ny : 0) + f->s.n;
+    const size_t rows = f->r.n * ny * (f->noisy ? 2 : 1);
     const struct apc_part parts[] = {APC_PART(f->unknown, most),
                                      APC_PART(f->order, ny),
                                      APC_PART(f->y, rows),
@@ -513,12 +545,15 @@ static int open_fit(struct fit *f)
                                      APC_PART(f->deviation, ny),
                                      APC_PART(f->noise, ny * NOISE_MOST),
                                      APC_PART(f->p, m->np + states + before),
-                                     APC_PART(f->u, m->nu),
+                                     APC_PART(f->process, m->nx),
+                                     APC_PART(f->scale, m->nx),
+                                     APC_PART(f->measured, ny),
+                                     APC_PART(f->u, m->nu + m->nd),
                                      APC_PART(f->out, m->ny)};
 
     f->runs = runs;
     f->inputs = inputs;
-    f->rows = rows;
+    f->rows = f->r.n * ny;
     f->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     if (!f->memory)
         return APC_ENOMEM;
@@ -574,10 +609,51 @@ static int prepare_fit(struct fit *f, struct apc_error *why)
     return rc;
 }
 
-int apc_identify_parameters(const struct apc_record *record, const struct apc_parameters *sought,
-                            double *value, double *error, double *x0, double *run, struct apc_error *why)
+/* Least squares of free runs. */
+static int fit_squares(struct fit *f, double *left, struct apc_error *why)
 {
-    struct fit f = {.plant = {.size = sizeof f.plant}};
+    int rc = 0;
+
+    for (int round = 0; round < ROUNDS && rc == 0; round++) {
+        rc = round ? expect(f, f->y) : 0;
+        if (rc == 0)
+            rc = round ? fit_search(f, left, why) : fit_find(f, left, why);
+    }
+    return rc;
+}
+
+/* It begins where free runs fit best; where there are none, as of an unstable plant, where it was told to. */
+static int fit_likelihood(struct fit *f, int rc, double dead_time, double *left, struct apc_error *why)
+{
+    if (rc == APC_ESOLVER) {
+        f->plant.dead_time = dead_time;
+        f->levels = 0;
+        rc = prepare_fit(f, NULL);
+        rc = rc == APC_ESOLVER ? 0 : rc;
+    }
+    if (rc == 0)
+        rc = fit_begin_filter(f, why);
+    return rc == 0 ? fit_search(f, left, why) : rc;
+}
+
+/* The free run from what was found; nothing, where it runs away. */
+static int run_freely(struct fit *f, double *run)
+{
+    int rc;
+
+    f->filtered = false;
+    rc = fit_run(f, f->plus, NULL);
+    for (size_t k = 0; k < f->r.n * f->r.ny; k++)
+        run[k] = rc == 0 ? f->plus[k] : (double)NAN;
+    return rc == APC_ESOLVER ? 0 : rc;
+}
+
+static int identify_parameters(const struct apc_record *record, const struct apc_parameters *sought,
+                               struct apc_likelihood *of, double *value, double *error, double *x0,
+                               double *run, struct apc_error *why)
+{
+    struct fit f = {
+        .plant = {.size = sizeof f.plant}, .noisy = of ? of->noisy : NULL, .n_noisy = of ? of->n_noisy : 0};
     double left = 0.0;
     int rc = apc_options_copy(&f.r, sizeof(f.r), record, "apc_record", why);
 
@@ -595,22 +671,49 @@ int apc_identify_parameters(const struct apc_record *record, const struct apc_pa
     rc = check_sought(&f, why);
     if (rc < 0)
         return rc;
+    const double dead_time = f.plant.dead_time;
     rc = open_fit(&f);
     if (rc == 0)
         rc = prepare_fit(&f, why);
-    for (int round = 0; round < ROUNDS && rc == 0; round++) {
-        rc = round ? expect(&f, f.y) : 0;
-        if (rc == 0)
-            rc = round ? fit_search(&f, &left, why) : fit_find(&f, &left, why);
-    }
+    if (rc == 0)
+        rc = fit_squares(&f, &left, why);
+    if (of && (rc == 0 || rc == APC_ESOLVER))
+        rc = fit_likelihood(&f, rc, dead_time, &left, why);
     if (rc == 0)
         rc = report_parameters(&f, left, value, error, why);
+    if (rc == 0 && of)
+        rc = fit_report_likelihood(&f, left, of, why);
     if (rc == 0 && x0)
         memcpy(x0, f.x0, f.runs * f.model->nx * sizeof(*x0));
     if (rc == 0 && run)
-        memcpy(run, f.y, f.rows * sizeof(*run));
+        rc = run_freely(&f, run);
     if (rc == APC_ENOMEM)
         apc_fail(why, rc, "apc_identify_parameters: no memory");
     free(f.memory);
+    return rc;
+}
+
+int apc_identify_parameters(const struct apc_record *record, const struct apc_parameters *sought,
+                            double *value, double *error, double *x0, double *run, struct apc_error *why)
+{
+    return identify_parameters(record, sought, NULL, value, error, x0, run, why);
+}
+
+int apc_identify_likelihood(const struct apc_record *record, const struct apc_parameters *sought,
+                            struct apc_likelihood *of, double *value, double *error, double *x0, double *run,
+                            struct apc_error *why)
+{
+    struct apc_likelihood own = {.size = sizeof own};
+    size_t *all = NULL;
+    int rc = of ? apc_options_copy(&own, sizeof own, of, "apc_likelihood", why)
+                : apc_fail(why, APC_EINVAL, "apc_identify_likelihood: nowhere to put noises");
+
+    if (rc == 0)
+        rc = fit_check_noisy(sought ? sought->model : NULL, &own, &all, why);
+    if (rc == 0)
+        rc = identify_parameters(record, sought, &own, value, error, x0, run, why);
+    if (rc == 0)
+        of->value = own.value;
+    free(all);
     return rc;
 }

@@ -23,6 +23,12 @@ static void take_unknowns(struct fit *f, const double *value)
         fit_put(f, q, value[q]);
 }
 
+/* Of a noise's logarithm no step is long: where all is noise nothing leads back. */
+static double limit_noise(const struct unknown *of, double step)
+{
+    return of->kind == PROCESS || of->kind == MEASURED ? fmin(fmax(step, -1.0), 1.0) : step;
+}
+
 /* A step to the better, *left becoming less; *better: there was one. */
 static int improve(struct fit *f, double *left, double *damping, bool *better, struct apc_error *why)
 {
@@ -38,8 +44,10 @@ static int improve(struct fit *f, double *left, double *damping, bool *better, s
 
         apc_qr_damped(f->m, f->R, f->m, f->along, *damping, f->small, f->small_R, f->step);
         for (size_t q = 0; q < f->m; q++)
-            f->trial[q] = fmin(fmax(f->value[q] + f->step[q] * f->unknown[q].size, f->unknown[q].low),
-                               f->unknown[q].high);
+            f->trial[q] =
+                fmin(fmax(f->value[q] + limit_noise(&f->unknown[q], f->step[q]) * f->unknown[q].size,
+                          f->unknown[q].low),
+                     f->unknown[q].high);
         take_unknowns(f, f->trial);
         rc = fit_run(f, f->plus, why);
         if (rc == 0)
@@ -70,7 +78,7 @@ int fit_search(struct fit *f, double *left, struct apc_error *why)
         const double before = *left;
 
         rc = improve(f, left, &damping, &better, why);
-        idle = before - *left < 1e-6 * before ? idle + 1 : 0;
+        idle = before - *left < 1e-6 * (f->filtered ? 1.0 : before) ? idle + 1 : 0;
     }
     return rc;
 }

@@ -40,6 +40,7 @@ struct apc_estimator {
     unsigned steps;
     double *P, *T, *J, *M;                         /* [nx * nx] */
     double *x, *next, *slope, *column, *y, *moved; /* [nx], y and moved [ny] */
+    struct apc_innovation *innovation;             /* [ny] of the last correction */
     double *input;                                 /* [n_inputs] with what disturbs it */
     double *memory;
 };
@@ -101,6 +102,7 @@ static int allocate_estimator(struct apc_estimator *e, const struct apc_estimato
                                      APC_PART(e->column, nx),
                                      APC_PART(e->y, ny),
                                      APC_PART(e->moved, ny),
+                                     APC_PART(e->innovation, ny),
                                      APC_PART(e->input, n)};
 
     e->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
@@ -366,9 +368,9 @@ static void propagate_covariance(struct apc_estimator *e, const double *F)
 /*
  * One measurement of row c and variance r, innovation v. With k = P c / (c P c' + r), Joseph's form
  *     P <- (I - k c) P (I - k c)' + k r k'
- * from left to right: W = P - k (P c)', then W - (W c) k' + k r k'.
+ * from left to right: W = P - k (P c)', then W - (W c) k' + k r k'. Returns c P c' + r.
  */
-static void measurement_update(struct apc_estimator *e, const double *c, double r, double v, double *x)
+static double measurement_update(struct apc_estimator *e, const double *c, double r, double v, double *x)
 {
     const size_t n = e->nx;
     double *Pc = e->column, *k = e->slope, *Wc = e->next, total = r;
@@ -389,6 +391,7 @@ static void measurement_update(struct apc_estimator *e, const double *c, double 
         for (size_t j = 0; j < n; j++)
             e->P[i * n + j] += (r * k[i] - Wc[i]) * k[j];
     }
+    return total;
 }
 
 /* ---- The nonlinear model, disturbed ---------------------------------------------------------------- */
@@ -532,6 +535,7 @@ static int correct_one_by_one(struct apc_estimator *e, double *s, const double *
     const double *C = e->C;
     int n = 0;
 
+    memset(e->innovation, 0, e->ny * sizeof(*e->innovation));
     if (e->model) {
         measurement_jacobian(e, s, u);
         C = e->gain;
@@ -548,12 +552,15 @@ static int correct_one_by_one(struct apc_estimator *e, double *s, const double *
             continue;
         for (size_t j = 0; j < e->nx; j++)
             v -= c[j] * (e->x[j] - s[j]);
-        measurement_update(e, c, e->r[k], v, e->x);
+        e->innovation[k] = (struct apc_innovation){v, measurement_update(e, c, e->r[k], v, e->x)};
         n++;
     }
     memcpy(s, e->x, e->nx * sizeof(*s));
-    if (!is_covariance(e))
+    if (!is_covariance(e)) {
         forget_covariance(e);
+        if (e->ny > 0)
+            e->innovation[0].variance = (double)NAN;
+    }
     pack_estimates(e, s);
     return n;
 }
@@ -570,6 +577,11 @@ int apc_estimator_correct(struct apc_estimator *e, double *s, const double *y, c
     if (e->model)
         keep_in_range(e, s, u);
     return n;
+}
+
+const struct apc_innovation *apc_estimator_innovations(const struct apc_estimator *e)
+{
+    return e->innovation;
 }
 
 double apc_estimator_deviation(const struct apc_estimator *e, const double *s, size_t i)

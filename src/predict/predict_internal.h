@@ -20,6 +20,12 @@ int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t 
 /** apc_estimator_create() of a model with loops around it, which are borrowed; NULL: none. */
 int apc_estimator_create_nested(struct apc_estimator **estimator, const struct apc_estimator_options *options,
                                 struct apc_nested *nested, struct apc_error *why);
+/** What was not expected of a measurement, from those before it, of the same instant too. */
+struct apc_innovation {
+    double value, variance; /* variance 0: it was not taken; NAN of the first: the covariance began again */
+};
+/** [ny] of the last correction, but of a steady one. [tick] */
+const struct apc_innovation *apc_estimator_innovations(const struct apc_estimator *estimator);
 /** How many whole periods a dead time has, and what is left of it, s. [any] */
 size_t apc_linear_whole(double dead_time, double Ts, double *bit);
 

@@ -54,6 +54,14 @@ static void take_find_option(void *options, char *arg, const struct argp_state *
     parse_names(state, arg, own->find, &own->finds);
 }
 
+static void take_likelihood_option(void *options, char *arg, const struct argp_state *state)
+{
+    struct identify_options *own = options;
+    own->likelihood = true;
+    if (arg)
+        parse_names(state, arg, own->noisy_state, &own->noisy);
+}
+
 static void take_suggest_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_options *own = options;
@@ -71,10 +79,12 @@ static void check_identify_options(void *input, const struct argp_state *state)
         argp_error(state, "--order is that of --model transfer or --model subspace");
     if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
         argp_error(state, "--suggest is for transfer functions");
-    if (own->plant && !own->finds)
+    const bool plant = own->finds || own->likelihood;
+    if (own->plant && !plant)
         argp_error(state, "--plant is that of --find");
-    if (own->finds && (own->kind != KINDS || own->suggest || own->output || own->validate))
-        argp_error(state, "--find finds parameters: no --model, --suggest, --output or --validate with it");
+    if (plant && (own->kind != KINDS || own->suggest || own->output || own->validate))
+        argp_error(state, "%s finds parameters: no --model, --suggest, --output or --validate with it",
+                   own->finds ? "--find" : "--likelihood");
     if (selection->disturbances && selection->disturbances == selection->inputs)
         argp_error(state, "--disturbances need --inputs beside them");
 }
@@ -111,6 +121,10 @@ static const struct option_spec own_options[] = {
     {"find", 0, "NAMES",
      "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
      OPTION_OWN, .take = take_find_option},
+    {"likelihood", 0, "STATES",
+     "Of --find, or alone: by maximum likelihood, with the noise of the measurements and of STATES, of all "
+     "if none is named",
+     OPTION_OWN, .take = take_likelihood_option, .optional = true},
     {"plant", 0, "FILE",
      "Of --find: the experiment file that has the plant, where the record is no run folder", OPTION_TEXT,
      AT(plant)},
@@ -350,7 +364,7 @@ int command_identify(int argc, char **argv)
     rc = spare_files(z);
     if (rc == EXIT_OK)
         rc = identify_read_all(z);
-    if (rc == EXIT_OK && z->own.finds) {
+    if (rc == EXIT_OK && (z->own.finds || z->own.likelihood)) {
         rc = identify_find(z);
         goto out;
     }

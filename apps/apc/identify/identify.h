@@ -65,6 +65,9 @@ struct identify_options {
     const char *from, *to, *validate, *output, *figure, *plant; /* plant: the experiment file that has it */
     char *find[IDENTIFY_SIGNALS]; /* parameters of the plant; finds 0: models are sought */
     size_t finds;
+    bool likelihood; /* with noises, of these states; noisy 0: of all */
+    char *noisy_state[IDENTIFY_SIGNALS];
+    size_t noisy;
     double share; /* of the record that is fitted to */
     int kind;     /* KINDS: all, and the best of them */
     unsigned order;
@@ -92,7 +95,7 @@ int identify_read_all(struct identification *z);
 /* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
 int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
 
-/* --find instead of models. Returns an exit code, its reason told. */
+/* --find and --likelihood instead of models. Returns an exit code, its reason told. */
 int identify_find(struct identification *z);
 /* What was read, and what of it is fitted to: the first line of a report. */
 void identify_show_samples(const struct identification *z);

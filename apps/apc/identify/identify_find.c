@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc identify --find: parameters of the plant of an experiment file, from its record. */
+/* apc identify --find, --likelihood: parameters and noise of the plant of an experiment file, from its record. */
 #include "identify.h"
 
 #include <apcmath.h>
@@ -19,6 +19,10 @@ struct finding {
     const char *file; /* with the plant */
     size_t which[IDENTIFY_SIGNALS], input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
     double value[IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS], was[IDENTIFY_SIGNALS];
+    size_t noisy[IDENTIFY_SIGNALS]; /* states */
+    struct apc_noise process[IDENTIFY_SIGNALS], measured[IDENTIFY_SIGNALS];
+    double white[IDENTIFY_SIGNALS];
+    struct apc_likelihood likelihood;
     struct identify_model model; /* with the free run and how it fits, for the figure */
 };
 
@@ -60,6 +64,35 @@ static int take_parameters(struct finding *f, struct apc_error *why)
         f->which[i] = at;
         f->was[i] = at < m->np ? f->e.plant.p[at] : f->e.plant.options.dead_time;
     }
+    return 0;
+}
+
+static int take_noisy_states(struct finding *f, struct apc_error *why)
+{
+    const struct apc_model *m = f->e.plant.model;
+    const struct identify_options *own = &f->z->own;
+    const size_t n = own->noisy ? own->noisy : m->nx;
+
+    if (!m->state || n > IDENTIFY_SIGNALS)
+        return apc_fail(why, APC_EINVAL, "--likelihood: %s must have 1 to %d states that have names", m->name,
+                        IDENTIFY_SIGNALS);
+    for (size_t i = 0; i < n; i++) {
+        size_t at = own->noisy ? 0 : i;
+
+        while (own->noisy && at < m->nx && strcmp(m->state[at].name, own->noisy_state[i]) != 0)
+            at++;
+        if (at == m->nx)
+            return apc_fail(why, APC_ENOTFOUND,
+                            "--likelihood: %s has no state \"%s\"; apc plants %s shows those it has", m->name,
+                            own->noisy_state[i], m->name);
+        f->noisy[i] = at;
+    }
+    f->likelihood = (struct apc_likelihood){.size = sizeof f->likelihood,
+                                            .noisy = f->noisy,
+                                            .n_noisy = n,
+                                            .process = f->process,
+                                            .measured = f->measured,
+                                            .white = f->white};
     return 0;
 }
 
@@ -157,6 +190,8 @@ static int find_parameters(struct finding *f, struct apc_error *why)
         rc = take_parameters(f, why);
     if (rc == 0)
         rc = take_signals(f, why);
+    if (rc == 0 && f->z->own.likelihood)
+        rc = take_noisy_states(f, why);
     if (rc < 0)
         return rc;
     options = f->e.plant.options;
@@ -170,7 +205,10 @@ static int find_parameters(struct finding *f, struct apc_error *why)
     f->model.run = calloc(r->n * r->ny + 1, sizeof *f->model.run);
     if (!f->model.run)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    rc = apc_identify_parameters(r, &sought, f->value, f->error, NULL, f->model.run, why);
+    rc =
+        f->z->own.likelihood
+            ? apc_identify_likelihood(r, &sought, &f->likelihood, f->value, f->error, NULL, f->model.run, why)
+            : apc_identify_parameters(r, &sought, f->value, f->error, NULL, f->model.run, why);
     if (rc == 0)
         judge_found_parameters(f);
     return rc;
@@ -186,6 +224,81 @@ static const struct apc_param *param_of(const struct finding *f, size_t i)
     return f->which[i] < m->np ? &m->param[f->which[i]] : &dead_time;
 }
 
+/* What noise is: @p value as its setting has it, and @p was; or NULL: there is no other one. */
+struct noise_row {
+    char setting[2 * APC_TAG_LEN];
+    const char *of;
+    double was;
+    const struct apc_noise *found;
+};
+
+/* Of the states first, then of the measurements. */
+static bool noise_row_of(const struct finding *f, size_t i, struct noise_row *row)
+{
+    const size_t n = f->likelihood.n_noisy;
+    const bool state = i < n;
+
+    if (!f->z->own.likelihood || i >= n + f->z->data.record.ny)
+        return false;
+    const size_t at = state ? f->noisy[i] : f->output[i - n];
+    row->of = state ? f->e.plant.model->state[at].name : f->e.y[at].tag.name;
+    row->found = state ? &f->process[i] : &f->measured[i - n];
+    row->was = !state ? f->e.sensor[at].noise : f->e.plant.noise ? f->e.plant.noise[at] : 0.0;
+    snprintf(row->setting, sizeof row->setting, state ? "plant.noise.%s" : "measurements.%s.noise", row->of);
+    return true;
+}
+
+/* As settings of a law; of measurements that are not on record those of the file. */
+static void show_law_noise(const struct finding *f)
+{
+    double x[IDENTIFY_SIGNALS] = {0.0};
+
+    fputs("for lqg, mpc, nmpc: --set 'controller.settings.x_noise=[", stdout);
+    for (size_t i = 0; i < f->likelihood.n_noisy; i++)
+        x[f->noisy[i]] = f->process[i].deviation;
+    for (size_t i = 0; i < f->e.plant.model->nx; i++)
+        printf("%s%.6g", i ? ", " : "", x[i]);
+    fputs("]' --set 'controller.settings.y_noise=[", stdout);
+    for (size_t i = 0; i < f->e.dim.ny; i++) {
+        double y = f->e.sensor[i].noise;
+
+        for (size_t k = 0; k < f->z->data.record.ny; k++)
+            y = f->output[k] == i ? f->measured[k].deviation : y;
+        printf("%s%.6g", i ? ", " : "", y);
+    }
+    puts("]'");
+}
+
+static int show_noise_text(const struct finding *f)
+{
+    static const struct print_column columns[] = {{"noise of", PRINT_LEFT},
+                                                  {"was", PRINT_POINT},
+                                                  {"found", PRINT_POINT},
+                                                  {"95 % interval", PRINT_LEFT}};
+    struct print_table t;
+    struct noise_row row;
+
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; noise_row_of(f, i, &row); i++) {
+        const double by = apc_exp(1.96 * row.found->error);
+
+        print_cell(&t, PRINT_PLAIN, "%s", row.of);
+        print_cell(&t, PRINT_PLAIN, "%.4g", row.was);
+        print_cell(&t, PRINT_PLAIN, "%.4g", row.found->deviation);
+        if (isfinite(by))
+            print_cell(&t, PRINT_PLAIN, "%.4g to %.4g", row.found->deviation / by, row.found->deviation * by);
+        else
+            print_cell(&t, PRINT_PLAIN, "cannot be told: it may be none");
+    }
+    puts("noise: standard deviation, of a state of its random walk in 1 s");
+    int rc = print_table_end(&t, stdout, cli_colour(), 0);
+    printf("log-likelihood %.10g", f->likelihood.value);
+    for (size_t i = 0; i < f->z->data.record.ny; i++)
+        printf("; %s white: %.3f", f->z->data.output[i], f->white[i]);
+    putchar('\n');
+    return rc;
+}
+
 static int show_found_text(const struct finding *f)
 {
     static const struct print_column columns[] = {{"parameter", PRINT_LEFT},
@@ -195,6 +308,7 @@ static int show_found_text(const struct finding *f)
                                                   {"description", PRINT_LEFT}};
     const struct identify_data *d = &f->z->data;
     struct print_table t;
+    struct noise_row row;
 
     identify_show_samples(f->z);
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
@@ -209,6 +323,8 @@ static int show_found_text(const struct finding *f)
     }
     printf("%s of %s, with 95 %% intervals\n", f->e.plant.model->name, f->file);
     int rc = print_table_end(&t, stdout, cli_colour(), 0);
+    if (rc == 0 && f->z->own.likelihood)
+        rc = show_noise_text(f);
     for (size_t i = 0; i < d->record.ny && rc == 0; i++)
         printf("%s: running freely the model says %.1f %% of what it was not fitted to\n", d->output[i],
                f->model.validation[i].fit);
@@ -216,7 +332,11 @@ static int show_found_text(const struct finding *f)
     for (size_t i = 0; i < f->z->own.finds; i++)
         printf(" --set plant.%s%s=%.6g", f->which[i] < f->e.plant.model->np ? "parameters." : "",
                param_of(f, i)->name, f->value[i]);
+    for (size_t i = 0; noise_row_of(f, i, &row); i++)
+        printf(" --set %s=%.6g", row.setting, row.found->deviation);
     putchar('\n');
+    if (f->z->own.likelihood)
+        show_law_noise(f);
     return rc;
 }
 
@@ -224,6 +344,7 @@ static void show_found_json(const struct finding *f)
 {
     const struct identify_data *d = &f->z->data;
     struct text t = {.out = stdout};
+    struct noise_row row;
 
     json_add(&t, "{samples:%zu, fitted:%zu, plant:%s, parameters:[", d->record.n, f->z->fitted,
              f->e.plant.model->name);
@@ -231,21 +352,38 @@ static void show_found_json(const struct finding *f)
         json_add(&t, "{parameter:%s, was:%g, value:%g, standard_error:%g}", param_of(f, i)->name, f->was[i],
                  f->value[i], f->error[i]);
     json_add(&t, "], outputs:[");
-    for (size_t i = 0; i < d->record.ny; i++)
-        json_add(&t, "{output:%s, fit:%g}", d->output[i], f->model.validation[i].fit);
+    for (size_t i = 0; i < d->record.ny; i++) {
+        json_add(&t, "{output:%s, fit:%g", d->output[i], f->model.validation[i].fit);
+        if (f->z->own.likelihood)
+            json_add(&t, ", white:%g", f->white[i]);
+        json_add(&t, "}");
+    }
+    if (f->z->own.likelihood)
+        json_add(&t, "], log_likelihood:%g, noise:[", f->likelihood.value);
+    for (size_t i = 0; noise_row_of(f, i, &row); i++)
+        json_add(&t, "{setting:%s, was:%g, value:%g, log_standard_error:%g}", row.setting, row.was,
+                 row.found->deviation, row.found->error);
     json_add(&t, "]}\n");
+}
+
+static void put_found_row(const char *name, double was, double value, double error)
+{
+    char number[3][PRINT_LEN];
+
+    csv_put(stdout, name);
+    printf(",%s,%s,%s\n", print_exact(was, number[0]), print_exact(value, number[1]),
+           print_exact(error, number[2]));
 }
 
 static void show_found_csv(const struct finding *f)
 {
-    puts("parameter,was,value,standard_error");
-    for (size_t i = 0; i < f->z->own.finds; i++) {
-        char was[PRINT_LEN], value[PRINT_LEN], error[PRINT_LEN];
+    struct noise_row row;
 
-        csv_put(stdout, param_of(f, i)->name);
-        printf(",%s,%s,%s\n", print_exact(f->was[i], was), print_exact(f->value[i], value),
-               print_exact(f->error[i], error));
-    }
+    puts("parameter,was,value,standard_error");
+    for (size_t i = 0; i < f->z->own.finds; i++)
+        put_found_row(param_of(f, i)->name, f->was[i], f->value[i], f->error[i]);
+    for (size_t i = 0; noise_row_of(f, i, &row); i++)
+        put_found_row(row.setting, row.was, row.found->deviation, row.found->error * row.found->deviation);
 }
 
 int identify_find(struct identification *z)

@@ -210,7 +210,7 @@ grep -Eq '^dead_time,3,5\.[0-3]' found.csv || fail "the dead time: $(cat found.c
 [ -s found.svg ] || fail "--find draws nothing"
 # docs/tuning.md, of this plant
 # Types(docs/tuning.md): apc identify
-as_typed() { typed docs/tuning.md "apc identify $1" | sed "s/$1/$2/; s/g1,g2,k1/K,tau/; s/v1,v2/u/; s/y1,y2/y/; s/tanks.conf/guessed.conf/"; }
+as_typed() { typed docs/tuning.md "apc identify $1" | sed "s/$1/$2/; s/g1,g2,k1/K,tau/; s/v1,v2/u/; s/y1,y2/y/; s/tanks.conf/guessed.conf/; s/h1,h2/x/"; }
 expect 0 'first-order of run, with 95 % intervals' env PATH="$APC_BIN:$PATH" bash -c "$(as_typed tanks-test run)"
 expect 0 'to try: apc simulate FILE --set plant.parameters.K=' "$apc" identify run run@..200 --find K
 awk -F, 'NR > 1 && ($2 == "sensor" || $2 == "actuator") && $3 == 1 { v[$2] = $5; if ($2 == "sensor") print $1 "," v["actuator"] "," $5 }' run/samples.csv |
@@ -225,6 +225,23 @@ expect 1 'input 1 is|K changes nothing|cannot be found|samples' "$apc" identify 
 expect 2 'no --model, --suggest, --output or --validate with it' "$apc" identify run --find K -o K.model
 expect 2 '--plant is that of --find' "$apc" identify run --plant guessed.conf
 expect 0 '"parameter":"K","was":10' "$apc" identify run --find K --json
+
+# ---- Noise too: the truth within a third, as settings that a simulation and a law take
+# Promise(identification/likelihood)
+sed 's/plant = {/plant = { noise = { x = 0.1; };/' pi.conf >noisy.conf
+"$apc" simulate noisy.conf --duration 300 --report noisy >/dev/null
+"$apc" identify noisy --find K --likelihood=x --csv >noise.csv
+for is in plant.noise.x=0.1 measurements.y.noise=0.05; do
+  awk -F, -v n="${is%=*}" -v t="${is#*=}" '$1 == n { found = $3 > t / 1.35 && $3 < t * 1.35 && $4 > 0 && $4 < t / 4 } END { exit !found }' noise.csv ||
+    fail "$is is not found: $(cat noise.csv)"
+done
+expect 0 '"log_likelihood":.*"setting":"plant.noise.x","was":0.1,"value":0\.' "$apc" identify noisy@..150 --likelihood --json
+"$apc" identify noisy@..150 --likelihood >noise.txt
+experiment lqg 'operating_point = { u = [1.0]; };' >lqg.conf
+eval "settings=($(sed -n 's/^for lqg, mpc, nmpc: //p' noise.txt) $(sed -n 's/^to try: apc simulate FILE//p' noise.txt))"
+"$apc" simulate lqg.conf --duration 20 "${settings[@]}" >lqg.txt || fail "lqg does not take ${settings[*]}"
+expect 1 'first-order has no state "z"; apc plants first-order shows' "$apc" identify noisy --likelihood=z
+expect 2 '--likelihood finds parameters: no --model' "$apc" identify noisy --likelihood --model arx
 
 # ---- A store that has the same rows makes the same model; of a window of it, the one of that window
 
