@@ -130,17 +130,18 @@ struct told {
     enum health_verdict *last; /* [n_loops] 0: nothing */
 };
 
-/* Of two at once each would tell what the other one tells. The claim ends with the store. */
+/* Of two at once each would tell what the other one tells. The claim ends with the store. A role of people's, which
+ * cannot claim anything, tells without it. */
 static int claim_telling(const struct cli *cli, struct apc_store *store)
 {
     struct apc_sample telling = {.table = APC_TICK, .id = 0}; /* controllers count from 1 */
     const int rc = apc_store_claim_set(store, &telling, 1);
-    return rc == APC_EBUSY ? cli_error(cli, rc,
-                                       "another apc monitor --notify is at work in this store (%s): wait for "
-                                       "its end",
-                                       apc_store_error(store))
-           : rc < 0        ? cli_store_error(cli, rc, store)
-                           : EXIT_OK;
+    return rc == APC_EBUSY             ? cli_error(cli, rc,
+                                                   "another apc monitor --notify is at work in this store (%s): wait for "
+                                                               "its end",
+                                                   apc_store_error(store))
+           : rc < 0 && rc != APC_EPERM ? cli_store_error(cli, rc, store)
+                                       : EXIT_OK;
 }
 
 /* "u: valve: the valve sticks ..." */

@@ -31,6 +31,7 @@ ticked_until() { [ "$(ticks)" -ge "$1" ]; }
 until_true 60 ticked_until 10
 expect 0 ' 42( |$)' env PGUSER="$(user operator)" "$apc" set r 42 --no-wait
 expect 0 '^r +42 ' env PGUSER="$(user operator)" "$apc" get r
+expect 0 '^u ' env PGUSER="$(user operator)" "$apc" monitor --notify # a role that claims nothing
 until_true 30 ticked_until $(($(ticks) + 10))
 
 # Who else would be the one writer is told who it is.
