@@ -185,11 +185,11 @@ static int unknown_name(const struct plant_view *p, const char *name, unsigned k
     /* parameters are many, and are not mistaken for what is set */
     list_alike(p, name, kinds & (CHANGE_SETPOINT | CHANGE_OUTPUT) ? kinds & ~(unsigned)CHANGE_TUNING : kinds,
                instead, sizeof instead);
-    return change_fail(why, APC_ENOTFOUND, "variable", "there is no %s\"%.60s\"%s%s",
-                       kinds == CHANGE_MODE     ? "loop or controller "
-                       : kinds == CHANGE_TUNING ? "parameter of a control law "
-                                                : "",
-                       name, kinds == CHANGE_MODE || kinds == CHANGE_TUNING ? "" : " to be set", instead);
+    return change_fail(why, APC_ENOTFOUND, "variable",
+                       kinds == CHANGE_MODE     ? "there is no loop or controller \"%.60s\"%s"
+                       : kinds == CHANGE_TUNING ? "there is no parameter of a control law \"%.60s\"%s"
+                                                : "there is no \"%.60s\" to be set%s",
+                       name, instead);
 }
 
 int change_find(const struct plant_view *p, const char *name, unsigned kinds, struct change_target *to,
@@ -250,8 +250,10 @@ static int fail_outside(const char *name, double low, double high, double value,
     if (has_low && has_high)
         return change_fail(why, APC_ERANGE, "limits", "%.60s = %.15g lies outside its limits %.15g to %.15g",
                            name, value, low, high);
-    return change_fail(why, APC_ERANGE, "limits", "%.60s = %.15g lies %s its limit %.15g", name, value,
-                       above ? "above" : "below", above ? high : low);
+    return change_fail(why, APC_ERANGE, "limits",
+                       above ? "%.60s = %.15g lies above its limit %.15g"
+                             : "%.60s = %.15g lies below its limit %.15g",
+                       name, value, above ? high : low);
 }
 
 int change_limits(const char *name, double low, double high, double value, struct change_fault *why)

@@ -118,8 +118,12 @@ static int fail_overtaken(struct apc_store *store, const struct change *c, struc
     char author[APC_AUTHOR_LEN] = "", text[CHANGE_TEXT];
     if (c->newest.author == 0 || apc_store_author_name(store, c->newest.author, author) < 0)
         author[0] = '\0';
-    return change_fail(why, APC_ECONFLICT, "stale", "%.60s was changed since%s%s: it is %s now", c->to.name,
-                       author[0] ? " by " : "", author, change_text(&c->newest, text));
+    change_text(&c->newest, text);
+    if (!author[0])
+        return change_fail(why, APC_ECONFLICT, "stale", "%.60s was changed since: it is %s now", c->to.name,
+                           text);
+    return change_fail(why, APC_ECONFLICT, "stale", "%.60s was changed since by %s: it is %s now", c->to.name,
+                       author, text);
 }
 
 /* Did the write of @p row begin a ramp? What its mover has written since, under no name, is no other write. */

@@ -133,6 +133,25 @@ test("each parameter that a law has, and each variable that it publishes, is des
   assert.deepEqual([...parameters, ...published, ...made].filter(one => !(one in sentences)), []);
 });
 
+// What refuses a request, or says why there is no answer, and where that is.
+const REFUSES: [RegExp, RegExp][] = [
+  [/\bfault_set\(/g, /^apps\/(apc-ui|common)\//],
+  [/\bchange_fail\(/g, /^(src\/operate|apps\/apc-ui)\//],
+  [/\bapc_fail\(/g, /^src\/(simulation\/(why|why_told|replay|replay_load|replay_store)|record\/(alarm_summary|alarm_trial)|shareddata\/history\/past)\.c$/],
+];
+
+// Promise(page): Each sentence with which the server refuses a request is in German as well.
+test("each answer of the server that is no success has a sentence in German", () => {
+  const refused = [...sources].flatMap(([name, text]) => REFUSES.filter(([, where]) => where.test(name)).flatMap(([how]) => [...text.matchAll(how)].flatMap(found => strings(inBrackets(text, found.index + found[0].length - 1)))));
+  const more = [["apps/common/storeuri.c", "store_simulated"], ["src/shareddata/history/past.c", "doubt"]] as const;
+  const codes = /^[a-z_]+$/; // and names of members
+  const all = [...refused, ...more.flatMap(([name, of]) => strings(body(name, of)))].filter(one => !codes.test(one)).map(one => one.replace(/%$/, ""));
+  assert.ok(all.length > 150, String(all.length));
+  const named = (text: string): string => plain(text).replace(/"[a-z]+"/g, '"{}"');
+  const known = keys.map(named);
+  assert.deepEqual([...new Set(all)].filter(one => /[a-z]{3}/.test(named(one)) && !known.some(key => key.includes(named(one)))), []);
+});
+
 test("the sentences of the server have their places in order", () => {
   for (const [english, german] of Object.entries(sentences)) {
     const n = [...english.matchAll(/\{(?:=|mode|)\}/g)].length;
@@ -158,6 +177,17 @@ test("the server's sentences are worded in German, whatever they are put togethe
     "r: the ramp arrived at 50": "r: die Rampe ist angekommen bei 50",
     "r is Local: its steps are not written; q is Remote: its steps are written again": "r ist lokal: seine Schritte werden nicht geschrieben; q ist Remote: seine Schritte werden wieder geschrieben",
     "nothing that is known: y": "nothing that is known: y",
+    "\"sped\" is not known here": "„sped“ ist hier nicht bekannt",
+    "\"at\" must be Unix seconds, a time such as 2026-01-31T12:00:00Z, or negative seconds before now": "„at“ muss eine Unixzeit in s sein, eine Zeit wie 2026-01-31T12:00:00Z, oder negativ: so viele s vor jetzt",
+    "\"value\": \"x\" is not a finite number": "„value“: \"x\" ist keine endliche Zahl",
+    "the request is empty: it must be a JSON object: {...}": "die Anfrage ist leer: sie muss ein JSON-Objekt sein: {...}",
+    "the request is no JSON: line 1: ']' expected near '}'": "die Anfrage ist kein JSON: Zeile 1: ']' expected near '}'",
+    "there is no loop \"u9\": did you mean \"u1\"?": "es gibt keinen Regelkreis „u9“: gemeint ist „u1“?",
+    "there is no \"x\" to be set; there are: r, u": "es gibt nichts Einstellbares namens „x“; es gibt: r, u",
+    "tick 5 at 2026-01-31 12:00:00: mark was 1, is 2: the law, its settings or its model are not those that ran": "Takt 5 um 2026-01-31 12:00:00: mark war 1, ist 2: Regelgesetz, Einstellungen oder Modell sind nicht die, die liefen",
+    "y.high: there is nothing to acknowledge: it is Normal": "y.high: es gibt nichts zu quittieren: it is Normal",
+    "r: the ramp ended: it is 5": "r: die Rampe ist beendet: jetzt 5",
+    "sensor 1: rows are missing in the record from the beginning to now": "sensor 1: in der Aufzeichnung fehlen Zeilen von Beginn bis jetzt",
   };
   speak("de");
   for (const [english, german] of Object.entries(events)) assert.equal(said(english), german);

@@ -277,8 +277,9 @@ static enum MHD_Result answer_stream(struct exchange *x)
     int rc = stream_open(ui->stream, &watcher, last ? last : request_query(&x->r, "last"), rest_stream,
                          wake_stream, x, &x->reader, &resumed);
     if (rc < 0) {
-        fault_set(&x->r.fault, 503, "busy", NULL, "too many pages are watching%s: try again later",
-                  rc == APC_EFULL ? " in this session" : "");
+        fault_set(&x->r.fault, 503, "busy", NULL,
+                  rc == APC_EFULL ? "too many pages are watching in this session: try again later"
+                                  : "too many pages are watching: try again later");
         x->r.retry_after = 10 * APC_NS_PER_S;
         return answer_http(x);
     }

@@ -4,7 +4,7 @@ import {get} from "./api";
 import {Cell} from "./cell";
 import {env, every} from "./env";
 import {microseconds, onNewPlant, serverNow, shownAt, showNow, showThen} from "./model";
-import {tr} from "./texts";
+import {said, tr} from "./texts";
 import type {PlantEvent, Then, Transition} from "./types";
 
 /** Why it is not where somebody wanted it, or what the record does not tell; null: nothing is to be said. */
@@ -36,7 +36,7 @@ export async function goTo(t: number): Promise<void> {
       const then = await get<Then>("/api/state", {at});
       if (mine !== visit) continue;
       showThen(then);
-      remark.value = Object.values(then.values).every(([seq]) => seq === 0) ? tr("past.before") : then.note;
+      remark.value = Object.values(then.values).every(([seq]) => seq === 0) ? tr("past.before") : then.note && said(then.note);
     } catch (error) {
       if (mine !== visit) continue;
       remark.value = tr("past.failed", {why: (error as Error).message});

@@ -8,7 +8,7 @@ import {Cell} from "../core/cell";
 import {exact, fromWall, span as spanText, stamp, when, zone, zoneAt} from "../core/format";
 import {plant, serverNow, shownAt} from "../core/model";
 import {barEnd, enterPast, goTo, jump, KINDS, leavePast, play, remark, SPANS, speed, SPEEDS, type What} from "../core/past";
-import {known, tr} from "../core/texts";
+import {known, said, tr} from "../core/texts";
 import type {Plant, Retake} from "../core/types";
 import {forget, send, slot} from "../core/writing";
 import {Dialog} from "../dialog";
@@ -51,13 +51,13 @@ const daysText = (seconds: number): string => (seconds < 2 * 86400 ? spanText(se
 
 export function PastBar(): JSX.Element | null {
   const at = useCell(shownAt);
-  const said = useCell(remark);
+  const remarked = useCell(remark);
   const by = useCell(speed);
   const what = useCell(sought);
   const [span, setSpan] = useState<number>(3600);
   const [ended, setEnd] = useState(0);
   const [again, setAgain] = useState(false);
-  if (at == null) return said ? <p class="say past-remark" role="status">{said}</p> : null;
+  if (at == null) return remarked ? <p class="say past-remark" role="status">{remarked}</p> : null;
   const end = barEnd(at, span, ended, serverNow());
   if (end !== ended) setEnd(end);
   return (
@@ -107,7 +107,7 @@ export function PastBar(): JSX.Element | null {
         >
           {tr("past.again")}
         </button>
-        {said && <p class="complaint" role="status">{said}</p>}
+        {remarked && <p class="complaint" role="status">{remarked}</p>}
       </section>
       {again && <Again at={at} close={() => setAgain(false)} />}
     </>
@@ -171,7 +171,7 @@ function Again({at, close}: {at: number; close: () => void}): JSX.Element {
         {error && <p class="complaint">{error}</p>}
         {!answer && !error && <p class="say">{tr("common.loading")}</p>}
         {answer && changes.length === 0 && <p class="say">{tr("past.same")}</p>}
-        {answer?.note && <p class="say">{answer.note}</p>}
+        {answer?.note && <p class="say">{said(answer.note)}</p>}
         {changes.length > 0 && (
           <table class="data cards">
             <caption>{tr("past.differs", {time: when(at)})}</caption>
