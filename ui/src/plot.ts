@@ -189,7 +189,7 @@ function between(u: uPlot, s: Series, of: string, dash: number[]): void {
 
 /** With a priority its shape and digit, as everywhere; else a small notch. */
 function notch(u: uPlot, {t, priority}: Pick<Mark, "t" | "priority">): void {
-  const size = (priority ? 15 : 6) * devicePixelRatio;
+  const size = (priority ? 15 : 9) * devicePixelRatio;
   const path = new Path2D(shapes[priority ?? 4]);
   u.ctx.save();
   u.ctx.translate(u.valToPos(t, "x", true) - size / 2, u.bbox.top);

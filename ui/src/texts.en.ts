@@ -809,7 +809,7 @@ export const en = {
   "events.older": "Load older",
   "log.last90d": "last 90 days",
   "log.last3y": "last 3 years",
-  "log.whole": "with what was done",
+  "log.whole": "with actions and modes",
   "log.aria": "Entries, newest first",
   "log.who": "Who",
   "log.new": "New entry",

@@ -42,6 +42,7 @@ test("a text that cannot be written says why", () => {
   assert.equal(complaint("many", null, null), "not a number");
   assert.equal(complaint("1e300", null, null), null);
   assert.deepEqual([limitsText(null, null), limitsText(null, 3), limitsText(0, 1e9)], ["no limits", "at most 3", "0 to 1e9"]);
+  assert.deepEqual([[1e-6, 1e6], [-1e9, 1e9], [0.5, 1e9], [12345, 1e9], [0, 1e6], [0.125, 12345.5]].map(([low, high]) => limitsText(low as number, high as number)), ["1e\u22126 to 1e6", "\u22121e9 to 1e9", "0.5 to 1e9", "1.2345e4 to 1e9", "0 to 1000000", "0.125 to 12345.5"]);
 });
 
 test("a measurement is written with a fixed number of decimals and a true minus", () => {
@@ -87,6 +88,7 @@ test("durations have the unit that fits", () => {
     [172799, "47 h 59 min"], [172800, "2 d"], [-259200, "\u22123 d"], [-90000, "\u221225 h 0 min"], [-3, "\u22123.0 s"], [-600, "\u221210 min"], [-0.25, "\u2212250 ms"], [-5e-9, "\u22125 ns"],
   ];
   for (const [seconds, text] of edges) assert.equal(duration(seconds), text);
+  assert.deepEqual([9.996e-7, 9.96e-6, 9.996e-4, 9.996e-3, 0.09996, 0.9996, 9.96, 119.6].map(duration), ["1.0 µs", "10 µs", "1.00 ms", "10.0 ms", "100 ms", "1.0 s", "10 s", "2 min"]);
   for (const none of [undefined, NaN, Infinity]) assert.deepEqual([duration(none), period(none)], ["–", "–"]);
   assert.deepEqual([period(1e-3), period(1), period(0.1 + 0.2)], ["1 ms", "1 s", "300 ms"]);
   const periods: [number | null, string][] = [[0.0005, "500 µs"], [0.2, "200 ms"], [2, "2 s"], [0.0125, "12.5 ms"], [200, "200 s"], [null, "–"]];
@@ -330,6 +332,8 @@ test("what somebody has written is told with its own digits where they are no mo
   assert.deepEqual([5.016316439148914, 6.499999999999998, 46.3312, -12.3456789, -0.1, 0, null, 12345678.9, -1e300].map(one => written(one, 2)), ["5.02", "6.50", "46.33", "\u221212.35", "\u22120.1", "0", "\u2013", "12345679", "\u22121e300"]);
   assert.deepEqual([5.016316439148914, 46.3312, 0.125, -1.0625, 9.98, 12, 123.4567].map(one => written(one, 2, true)), ["5.02", "46.3312", "0.125", "\u22121.0625", "9.98", "12", "123.46"]);
   assert.deepEqual([written(1.23456789), written(77.9745), written(1e-6, 2)], ["1.235", "77.9745", "1e\u22126"]);
+  assert.deepEqual([12, 0.5, 0.125, 46.3312, 0, 1e-6, 12345678.9, null].map(one => written(one, 2, true, true)), ["12.00", "0.50", "0.125", "46.3312", "0.00", "1e\u22126", "12345679", "\u2013"]);
+  assert.deepEqual([written(12, undefined, true, true), written(12, 0, true, true), written(0.125, 0, true, true), written(123456, 4, true, true)], ["12.000", "12", "0.125", "123456.0"]);
 });
 
 test("an effect below the last decimal of its output is told to be so small, with no power of ten", () => {

@@ -378,9 +378,10 @@ test("where there is no room for a number nothing of it is drawn", PATIENCE, asy
   });
 });
 
-test("a setpoint is told with all of its digits", PATIENCE, () =>
+test("a setpoint is told with the decimals of its measurement, and in its field as it was entered", PATIENCE, () =>
   withPage("loop", async page => {
-    assert.equal(await page.locator('main .value[data-ref="setpoint.1"] .digits').first().textContent(), "0.5");
+    assert.equal(await page.locator('main .value[data-ref="setpoint.1"] .digits').first().textContent(), "0.5000");
+    assert.equal(await page.locator('input[name="setpoint.1"]').inputValue(), "0.5");
     const field = page.locator('input[name="setpoint.1"]');
     await field.fill("1,500");
     assert.match(await page.locator("form.entry").first().textContent(), /1,500 may be 1.500 or 1500/);

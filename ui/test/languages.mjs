@@ -51,6 +51,13 @@ const cut = page => page.evaluate(() => {
   return wrong;
 });
 
+/** Rows of what is pressed that take more lines than there is reason for. */
+const lines = page => page.evaluate(() => {
+  const counts = [["nav", 1], [".events .toolbar", 1], [".trend > .toolbar", 2]];
+  const tops = row => new Set([...row.children].filter(one => one.offsetWidth > 0).map(one => { const {top, bottom} = one.getBoundingClientRect(); return Math.round((top + bottom) / 16); }));
+  return counts.flatMap(([row, most]) => [...document.querySelectorAll(row)].map(one => [row, tops(one).size, most])).filter(([, n, most]) => n > most).map(([row, n]) => `${row}: ${n}`);
+});
+
 /** Buttons that touch, so that a press may mean either, but for those of one choice and of the list's narrow rows. */
 const touching = page => page.evaluate(() => {
   const buttons = [...document.querySelectorAll("button")].filter(one => one.checkVisibility({visibilityProperty: true}) && !one.closest(".segments, .alarm-list")).map(one => [one.textContent, one.getBoundingClientRect()]);
@@ -78,7 +85,7 @@ for (const width of [1280, 400])
     const look = async where => {
       const english = (await said(page)).filter(text => whole.has(text) || parts.some(part => text.includes(part)));
       const accessible = width > 1000 ? [] : await violations(page); // wide it is the page in English with other words
-      for (const [what, found] of [["English", english], ["cut off", await cut(page)], ["touching", await touching(page)], ["axe", accessible]]) wrong.push(...found.map(one => `${where}: ${what}: ${one}`));
+      for (const [what, found] of [["English", english], ["cut off", await cut(page)], ["touching", await touching(page)], ["too many lines", width > 1000 ? await lines(page) : []], ["axe", accessible]]) wrong.push(...found.map(one => `${where}: ${what}: ${one}`));
     };
     // The longest line of the header, beside a plant whose name is no short one.
     if (width > 1000) {

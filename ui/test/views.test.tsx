@@ -180,7 +180,7 @@ test("what is not as it should be is counted and marked where it stands", async 
   await state({"sensor.2": [12, t, -1, "Good"]});
   assert.equal(value("sensor.2"), "[below its limits] \u22121.000 m below 0");
   const bar = one('.bar.outside');
-  assert.equal(bar.getAttribute("aria-label"), "y2 PV \u22121.000 m, setpoint 5, below its limit 0, scale 0 to 10");
+  assert.equal(bar.getAttribute("aria-label"), "y2 PV \u22121.000 m, setpoint 5.000, below its limit 0, scale 0 to 10");
   assert.equal(said(".bar.outside b"), "◀");
 });
 
@@ -399,7 +399,7 @@ test("colours are chosen and remembered", async () => {
 test("the faceplate tells the loop", async () => {
   await show("loop/2");
   assert.equal(said("h1"), "y2");
-  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m DEV PV − SP 0\.000 m OUT u2 .* 2\.000 V /);
+  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5\.000 m DEV PV − SP 0\.000 m OUT u2 .* 2\.000 V /);
   assert.match(said(".last-action"), /none among the latest 50 of the plant/);
   assert.equal(said(".operate h2"), "Mode | Setpoint | Output");
   await click(button("Next loop"));
@@ -570,7 +570,7 @@ test("a ramp takes its time from the field beside the entry, says how long it st
   server.control = {...server.control, ramps: {}};
   server.beat();
   await settle();
-  assert.match(said(".faceplate"), /setpoint 7\.?0*, .* SP r1 \[SP 7 m, [^\]]*\] 7 m/);
+  assert.match(said(".faceplate"), /setpoint 7\.00, .* SP r1 \[SP 7\.00 m, [^\]]*\] 7\.00 m/);
 });
 
 test("a great step is made only by the button that says so", async () => {
@@ -697,7 +697,7 @@ test("tuning goes together, old and new are shown", async () => {
 test("a faceplate tells how far a loop is off, what is at its limit, and leads to what is expected of it", async () => {
   await show("loop/1");
   await state({"sensor.1": [20, server.now, 1.5, "Good"], "setpoint.1": [21, server.now, 2, "Good"], "actuator.1": [22, server.now, 10, "Good"]});
-  assert.match(said(".faceplate"), /SP r1 .* 2 m DEV PV − SP −0\.50 m OUT u1 .* 10\.000 V at output high limit/);
+  assert.match(said(".faceplate"), /SP r1 .* 2\.00 m DEV PV − SP −0\.50 m OUT u1 .* 10\.000 V at output high limit/);
   await state({"sensor.1": [23, server.now, 1.5, "BadNoCommunication"], "actuator.1": [24, server.now, 9, "Good"]});
   assert.match(said(".faceplate"), /DEV PV − SP – /);
   assert.doesNotMatch(said(".faceplate"), /limit/);
@@ -880,7 +880,7 @@ test("why an output moved: the causes by their effect, who wrote, and the loop a
   assert.match(said("dialog"), /Auto → held: y1 is Bad, at output high limit/);
   assert.match(said("dialog"), /Law: P 0\.500 → 8\.000, I – → 2\.000, high limit u2 0\.000 → 3\.000/);
   assert.deepEqual([...document.querySelectorAll("dialog tbody tr")].map(row => [...row.querySelectorAll("th, td")].map(cell => cell.textContent?.trim()).join("; ")), [
-    `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.08; 6.5; +5.000; 63 %`,
+    `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.08; 6.50; +5.000; 63 %`,
     "y1 measurement; 7.00; 7.13 sensor failure; +1.500; 19 %",
     `u1 mode${clock(START - 3)}, anna; Man; Auto; +0.500; 6 %`,
     "earlier what the loop goes on with by itself; ; ; +1.000; 13 %",
@@ -1500,6 +1500,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   assert.equal(said(".prediction .complaint"), "the database is away");
   const old = [...document.querySelectorAll(".prediction .panel .value.stale")].map(each => each.textContent?.replace(/\s+/g, " ") ?? "");
   for (const words of [/high limit, low rate limit/, /sub-optimal: /, /4\.00 ms/, /^\??7/]) assert.ok(old.some(text => words.test(text)), `${words} stands as if it were of now: ${old.join("; ")}`);
+  assert.equal(document.querySelectorAll(".prediction .pairs dd:first-of-type svg").length, 1, "one mark, of what is old");
   // Beside a trend as well, where that is wanted; the link says it.
   made = server.now;
   env.routes.set("/api/predictions", each => each.answer({t: made, at: made, predictions: [trajectory("sensor.1", "y1", [10, 11, 12])]}));
@@ -1662,7 +1663,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   assert.match(said(".readout"), /trial.u1.output 1.250/);
   await click(button("View as table"));
   assert.match(said("table.data thead"), /^time y1 \[m\] r1 \[m\] u1 \[V\] trial.u1.output \[V\]$/);
-  assert.equal(await trend(2), "current y2 5.000 r2 5 u2 2.000");
+  assert.equal(await trend(2), "current y2 5.000 r2 5.000 u2 2.000");
   await show("loop/1");
   assert.match(said(".faceplate"), /OUT u1 .* 1.500 V Why\? SHADOW trial.u1.output .* 1.250 V/);
   await show("loop/3");
@@ -2414,7 +2415,7 @@ test("the past is on the screens until Esc, nothing can be written there, and wh
 
   await press("Escape", one('.mode-switch button'));
   assert.equal(document.querySelectorAll(".past-top, .past-bar, .in-past").length, 0);
-  assert.equal(value("setpoint.1"), "3 m");
+  assert.equal(value("setpoint.1"), "3.00 m");
   assert.equal(said(".mode-switch .pairs"), "target Auto actual Auto");
   assert.equal(one<HTMLInputElement>('input[name="setpoint.1"]').disabled, false);
   assert.match(said(".alarm-line"), /^\[.*y2\.low/);

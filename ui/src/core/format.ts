@@ -47,13 +47,17 @@ export function exact(value: number | null | undefined): string {
   return plain.includes("e") || (plain.length > 7 && short.length < plain.length) ? short : minus(plain);
 }
 
+const fraction = (text: string): number => /\.(\d+)$/.exec(text)?.[1]?.length ?? 0;
+
 /** What somebody has written: exactly, where that has no more decimals than a measurement, or, as it was `entered` by a person, six
- *  digits at most, and fits wherever a value stands; else as a measurement is told. Who has entered 0.125 is not shown 0.13. */
-export function written(value: number | null | undefined, decimals?: number, entered = false): string {
+ *  digits at most, and fits wherever a value stands; else as a measurement is told. Who has entered 0.125 is not shown 0.13; `beside` a
+ *  measurement of 12.00 an entered 12 is 12.00 too. */
+export function written(value: number | null | undefined, decimals?: number, entered = false, beside = false): string {
   const text = exact(value);
-  const fraction = /\.(\d+)$/.exec(text)?.[1] ?? "";
+  const measured = number(value, decimals);
   const digits = text.replace(/\D/g, "");
-  return digits.length <= DIGITS && (fraction.length <= (decimals ?? DIGITS) || (entered && digits.replace(/^0+/, "").length <= 6)) ? text : number(value, decimals);
+  const own = digits.length <= DIGITS && (fraction(text) <= (decimals ?? DIGITS) || (entered && digits.replace(/^0+/, "").length <= 6));
+  return own && !(beside && !text.includes("e") && fraction(measured) > fraction(text)) ? text : measured;
 }
 
 /** Of a cause: with its sign, in the decimals of the output, or with four digits; below the last decimal it is but said to be so small. */
@@ -92,12 +96,14 @@ export function read(text: string): Reading {
   return isFinite(value) ? {value, why: null} : {value: null, why: tr("value.tooLarge")};
 }
 
-/** Of limits, "none" where there is none. */
+/** Of limits, "none" where there is none; both ends in one way: beside a power of ten what is no short number is one too. */
 export function limitsText(low: number | null, high: number | null): string {
   if (low == null && high == null) return tr("value.noLimits");
   if (low == null) return tr("value.atMost", {high: exact(high)});
   if (high == null) return tr("value.atLeast", {low: exact(low)});
-  return tr("value.range", {low: exact(low), high: exact(high)});
+  const powers = [low, high].some(end => exact(end).includes("e"));
+  const end = (of: number): string => (powers && exact(of).length > 4 ? power(of) : exact(of));
+  return tr("value.range", {low: end(low), high: end(high)});
 }
 
 /** Why a text cannot be written; null: it can. */
@@ -112,11 +118,12 @@ export function duration(seconds: number | null | undefined): string {
   const sign = seconds < 0 ? "\u2212" : "";
   const s = Math.abs(seconds);
   if (s < 5e-10) return "0 s";
-  if (s < 1e-6) return `${sign}${(s * 1e9).toFixed(0)} ns`;
-  if (s < 1e-3) return `${sign}${(s * 1e6).toFixed(s < 1e-5 ? 1 : 0)} µs`;
-  if (s < 1) return `${sign}${(s * 1e3).toFixed(s < 1e-2 ? 2 : s < 1e-1 ? 1 : 0)} ms`;
-  if (s < 120) return `${sign}${s.toFixed(s < 10 ? 1 : 0)} s`;
-  if (s < 7200) return `${sign}${Math.floor(s / 60)} min`;
+  // What rounds up to 1000 of a unit is 1 of the next.
+  if (s < 999.5e-9) return `${sign}${(s * 1e9).toFixed(0)} ns`;
+  if (s < 999.5e-6) return `${sign}${(s * 1e6).toFixed(s < 9.95e-6 ? 1 : 0)} µs`;
+  if (s < 999.5e-3) return `${sign}${(s * 1e3).toFixed(s < 9.995e-3 ? 2 : s < 99.95e-3 ? 1 : 0)} ms`;
+  if (s < 119.5) return `${sign}${s.toFixed(s < 9.95 ? 1 : 0)} s`;
+  if (s < 7200) return `${sign}${Math.max(2, Math.floor(s / 60))} min`;
   if (s < 2 * 86400) return `${sign}${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
   return `${sign}${Math.floor(s / 86400)} d`;
 }

@@ -117,6 +117,9 @@ export function limitsOf(ref: Ref): Limits {
   return (bounded ? own : variable(measuring.get(ref)?.setpoint ?? null)) ?? {low: null, high: null};
 }
 
+/** Is it told beside another number? */
+export const hasKin = (ref: Ref): boolean => kin.has(ref);
+
 /** How many decimals its numbers have wherever they stand: those of what they are told beside. */
 export function decimals(ref: Ref): number | undefined {
   return decimalsOf(limitsOf(kin.get(ref) ?? ref), limitsOf(ref));

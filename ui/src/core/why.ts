@@ -2,7 +2,7 @@
 // Why an output moved: what is asked of the server, and what its answer says to people.
 import {get} from "./api";
 import {missing, number, written} from "./format";
-import {decimals} from "./model";
+import {decimals, hasKin} from "./model";
 import {words, worth} from "./quality";
 import type {Cause, Loop, Plant, PlantEvent, Why} from "./types";
 import {known} from "./texts";
@@ -74,9 +74,11 @@ export function decimalsOfOutput(called: string, p: Plant): number | undefined {
   return ref ? decimals(ref) : undefined;
 }
 
-function decimalsNamed(name: string, p: Plant): number | undefined {
-  const one = p.variables.find(one => one.name === name && one.table !== "opmode");
-  return one && decimals(one.ref);
+/** A number of what is called so. */
+function numberOf(name: string, value: number, entered: boolean, p: Plant): string {
+  const ref = p.variables.find(one => one.name === name && one.table !== "opmode")?.ref;
+  const fine = ref ? decimals(ref) : undefined;
+  return entered ? written(value, fine, true, ref != null && hasKin(ref)) : number(value, fine);
 }
 
 /** What the law's answer comes from, but for what is 0 all the time. */
@@ -95,7 +97,7 @@ export function told(cause: Cause, which: "before" | "now", p: Plant): string {
   const value = cause[which];
   const status = which === "now" ? cause.status : cause.status_before;
   const mode = cause.kind === "mode" && value != null ? p.modes[value] : undefined;
-  const text = mode ? known("mode", mode) : value == null ? "" : cause.written != null && cause.kind !== "measurement" ? written(value, decimalsNamed(cause.input, p), true) : number(value, decimalsNamed(cause.input, p));
+  const text = mode ? known("mode", mode) : value == null ? "" : numberOf(cause.input, value, cause.written != null && cause.kind !== "measurement", p);
   return worth(status) === "good" || text === "" ? text : `${text} ${words(status)}`;
 }
 

@@ -69,11 +69,11 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
         {inShadow(loop) && <span class="say">{rich("loop.inShadow", {controller: loop.controller})}</span>}
         <span class="spring" />
         {!close && p.loops.length > 1 && (
-          <>
+          <span class="entry-line">
             <button type="button" onClick={() => step(-1)} aria-label={tr("loop.previous")}>◀</button>
             <Choice loop={loop} plant={p} />
             <button type="button" onClick={() => step(1)} aria-label={tr("loop.next")}>▶</button>
-          </>
+          </span>
         )}
         {predictors(p).some(one => one.controller.name === loop.controller) && <a class="button" href={path("prediction", loop.controller)}>{tr("page.prediction")}</a>}
         <a class="button" href={path("trend", loop.id)}>{tr("page.trend")}</a>

@@ -13,6 +13,7 @@ import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";
 import {empty, held, type Series, visible} from "../core/series";
 import {padded, titles} from "../core/trend";
+import {worth} from "../core/quality";
 import type {Trajectory, Kpi, Plant, Ref} from "../core/types";
 import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
@@ -156,13 +157,14 @@ function HandledRow({of: {variable: one, setpoint, loop, target, limit}, traject
 }
 
 function Solver({of: {solver}}: {of: Predictor}): JSX.Element {
-  const result = useCell(live(solver.result as Ref)).value;
+  const result = useCell(live(solver.result as Ref));
+  const marked = result.stale || worth(result.status) !== "good"; // by its value
   return (
     <div class="panel">
       <h2>{tr("prediction.solver")}</h2>
       <dl class="pairs">
         <dt>{tr("prediction.result")}</dt>
-        <dd>{result != null && result > 0 && <Note label={tr("prediction.notBest")} />} <Value of={solver.result as Ref} say={resultWords} /></dd>
+        <dd>{result.value != null && result.value > 0 && !marked && <Note label={tr("prediction.notBest")} />} <Value of={solver.result as Ref} say={resultWords} /></dd>
         <dt>{tr("prediction.objective")}</dt>
         <dd>{solver.objective ? <Value of={solver.objective} /> : missing} <span class="say">{tr("prediction.atRest")}</span></dd>
         <dt>{tr("prediction.solveTime")}</dt>

@@ -358,6 +358,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>{tr("trend.events")}</button>
       <button type="button" onClick={fit}>{tr("trend.autoscale")}</button>
       {own && !pens && <button type="button" onClick={() => setOwn(null)}>{tr("trend.defaultScale")}</button>}
+      <FromTo win={win} apply={setWin} />
       <span class="spring" />
       {!pens && <a class="button" href={path("trend", asPens())}>{tr("trend.select")}</a>}
       <button type="button" onClick={exportCsv}>CSV</button>
@@ -365,11 +366,10 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
     </>
   );
-  const pensTools = (
+  const pensTools = pens && (
     <div class="pen-tools">
-      <FromTo win={win} apply={setWin} />
-      {pens && <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />}
-      {pens && <PenGroups plant={p} signals={pens.signals} window={win} />}
+      <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />
+      <PenGroups plant={p} signals={pens.signals} window={win} />
     </div>
   );
   return (

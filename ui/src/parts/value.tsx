@@ -4,16 +4,16 @@ import type {JSX} from "preact";
 import {useRef} from "preact/hooks";
 import {useCell, usePainted} from "../usecell";
 import {duration, exact, missing, number, written} from "../core/format";
-import {decimals, isMoved, isScheduled, limitsOf, live, modesOfLoop, variable} from "../core/model";
+import {decimals, hasKin, isMoved, isScheduled, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Note} from "./shape";
 import {known, tr} from "../core/texts";
 
-/** In its decimals, and what somebody has entered with the digits that he has given it, six at most: wherever a value stands there is
- *  room for this, and exact() is in its title. */
+/** In its decimals, and what somebody has entered with the further digits that he has given it, six at most: wherever a value stands
+ *  there is room for this, and exact() is in its title. */
 export function told(of: Ref, value: number | null): string {
-  return variable(of)?.period == null && !isMoved(of) ? written(value, decimals(of), !isScheduled(of)) : number(value, decimals(of));
+  return variable(of)?.period == null && !isMoved(of) ? written(value, decimals(of), !isScheduled(of), hasKin(of)) : number(value, decimals(of));
 }
 
 /** All that a value says, for whoever points at it. */
