@@ -556,7 +556,8 @@ static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setu
         for (size_t k = 0; k < i && rc == 0; k++) {
             if (p->cv[k] == p->cv[i])
                 rc = apc_fail(why, APC_EINVAL,
-                              "setting \"measurement\": setpoints %zu and %zu are both for measurement %zu",
+                              "setting \"measurement\": setpoints %zu and %zu are both for measurement %zu: "
+                              "expected another one for each setpoint",
                               k + 1, i + 1, number);
         }
     }

@@ -69,7 +69,7 @@ static void check_optimize_options(void *options, const struct argp_state *state
         argp_error(state, "--budget: %u runs are %u tries of %u: at least %d tries", o->budget,
                    o->budget / o->runs, o->runs, LEAST);
     if (o->json && o->csv && !strcmp(o->csv, "-"))
-        argp_error(state, "--json and --csv -: both want stdout");
+        argp_error(state, "--json and --csv -: both want stdout; give --csv a FILE");
 }
 
 #define AT(member) .to = offsetof(struct optimize_options, member)

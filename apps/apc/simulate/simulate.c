@@ -81,7 +81,7 @@ static void check_simulate_options(void *input, const struct argp_state *state)
     if (o->against && !o->runs)
         argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
     if (o->json && o->csv && !strcmp(o->csv, "-"))
-        argp_error(state, "--json and --csv -: both want stdout");
+        argp_error(state, "--json and --csv -: both want stdout; give --csv a FILE");
     if (o->runs && (o->report || o->compare))
         argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
 }

@@ -51,7 +51,8 @@ int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *
     if (rc < 0)
         return rc;
     if (w->was.duration > 0 && w->at >= w->was.duration)
-        return apc_fail(why, APC_EINVAL, "%s ended at %g s: it does not go on from %g s",
+        return apc_fail(why, APC_EINVAL,
+                        "%s ended at %g s: it does not go on from %g s; expected a time before its end",
                         w->store[0] ? w->spec : w->dir, w->was.duration, w->at);
     if (w->at >= e->duration)
         return apc_fail(why, APC_EINVAL,
