@@ -37,6 +37,7 @@ good_since() { # TIME: the last five outputs are of later, and good
   [[ ${last%%,*} > $1 ]] && ! grep -vq ',Good,' <<<"$last"
 }
 controlled() { has_status y Good && has_status u Good; }
+has_samples() { [ "$(newest y 6 | wc -l)" = 6 ]; }
 recent() { # TIME: within a minute of now
   local apart=$(($(date +%s) - $(date -d "$1" +%s)))
   [ $apart -gt -60 ] && [ $apart -lt 60 ]
@@ -81,6 +82,7 @@ END
       until_true 60 controlled
     done < <(awk -F ' *[|] *' -v head="$column" '/^\| what comes in /{for (i = 2; i < NF; i++) if ($i == head) at = i; next}
       at && !/^\|/{exit} at && !/^\|---/{gsub("`", "", $at); print $2 "|" $at "|" $(NF - 1)}' "$APC_SOURCE_DIR/docs/guarantees.md")
+    until_true 30 has_samples
     status=0
     kill -INT "$pid"
     wait "$pid" || status=$?
