@@ -244,6 +244,7 @@ void simulation_repeat(void *ctx)
     struct simulation *s = ctx;
     const struct samples *rows = s->repeats;
     const apc_ns now = apc_clock_utc(s->clock);
+    const size_t before = s->repeated;
     for (; s->repeated < rows->n && rows->at[s->repeated].time <= now; s->repeated++) {
         const struct apc_sample *row = &rows->at[s->repeated];
         simulation_stop_at_store(s, repeat_recorded_row(s, row));
@@ -251,8 +252,11 @@ void simulation_repeat(void *ctx)
             trajectory_change(&s->trajectory, &s->trajectory.setpoint[row->id - 1], simulation_time(s),
                               row->value);
     }
-    if (!s->playback)
+    if (!s->playback) {
+        simulation_tell(s, "apc-simulate", APC_EVENT_INFO, "operator",
+                        "values written again, as in the run that is repeated: %zu", s->repeated - before);
         simulation_see_writes(s);
+    }
     if (s->repeated < rows->n &&
         apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,
                        simulation_repeat, s) < 0)

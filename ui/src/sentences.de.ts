@@ -394,6 +394,7 @@ export const sentences: Record<string, string> = {
   "stopping: the disk does not answer": "endet: die Platte antwortet nicht",
   "stopping: {}": "endet: {1}",
   "{=} started": "{1} gestartet",
+  "values written again, as in the run that is repeated: {=}": "noch einmal geschriebene Werte, wie in dem Lauf, der wiederholt wird: {1}",
   "{=} killed": "{1} abgebrochen",
   "resuming from the stored state": "fährt mit dem gespeicherten Zustand fort",
   "waits for the outputs: {}": "wartet auf die Stellgrößen: {1}",

@@ -155,6 +155,8 @@ wait $pid || fail "exit code $?"
 again "$work/other"
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/session/samples.csv" >"$work/before"
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/other/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
+grep -q '^2.400000,info,apc-simulate,operator,"values written again, as in the run that is repeated: 3"$' "$work/other/events.csv" ||
+  fail "what was done again is no event: $(cat "$work/other/events.csv")"
 grep -q '^11.400000,setpoint,1,Good,15$' "$work/other/samples.csv" || fail "nobody could go on otherwise"
 expect 1 'expected the folder of a run of' "$apc" run "$file" --speed 1 --from 5 --out "$work/no"
 expect 4 'expected a time before its end' "$apc" run "$work/session" --speed 1 --from 60 --out "$work/no"
