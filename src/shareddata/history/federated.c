@@ -365,12 +365,12 @@ static int read_newest_of_all(struct apc_store *store, const struct apc_sample *
     return rc;
 }
 
-/* For how many ns the first of @p rows that are missing has waited, had they come at even distances. In
- * double, as times may lie at both ends of their range. */
+/* For how many ns the first of @p rows that are missing has waited, had they come at even distances. Who wrote them may
+ * have a clock that is ahead: then until the newest of them. In double, as times may lie at both ends of their range. */
 static double wait_of_missing(const struct apc_sample *live, const struct apc_sample *history, uint64_t rows)
 {
     const double newest = (double)live->time, stored = history->seq > 0 ? (double)history->time : newest;
-    return (double)apc_clock_utc(NULL) - (stored + (newest - stored) / (double)rows);
+    return fmax((double)apc_clock_utc(NULL), newest) - (stored + (newest - stored) / (double)rows);
 }
 
 static void compare_newest(int64_t first, const struct apc_sample *live, const struct apc_sample *history,

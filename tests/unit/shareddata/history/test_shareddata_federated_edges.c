@@ -470,6 +470,21 @@ static void a_row_that_comes_once_an_hour_is_not_an_hour_late(void **state)
     assert_behind(1, now);
 }
 
+/* Promise(stores/live-store-history) */
+static void what_comes_by_a_clock_that_is_ahead_is_late_all_the_same(void **state)
+{
+    const apc_ns ahead = apc_clock_utc(NULL) + TIME(3600);
+    struct apc_behind behind = {.size = sizeof behind};
+    struct apc_sample row = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = ahead};
+    (void)state;
+    must(old, apc_store_append(old, &row, 1));
+    for (; row.seq <= 61; row.seq++, row.time += TIME(1))
+        must(live, apc_store_append(live, &row, 1));
+    assert_int_equal(apc_store_behind(both, &behind), 1);
+    assert_int_equal(behind.rows, 60);
+    assert_in_range(behind.time, TIME(59) - APC_NS_PER_MS, TIME(59) + APC_NS_PER_MS);
+}
+
 static void what_the_history_has_not_got_is_counted_and_the_longest_told(void **state)
 {
     struct apc_behind behind = {.size = sizeof behind};
@@ -769,6 +784,7 @@ int main(void)
         T(a_history_may_have_as_much_as_the_live_store_and_no_more),
         T(variables_are_those_of_the_live_store_where_the_history_fails),
         T(a_row_that_comes_once_an_hour_is_not_an_hour_late),
+        T(what_comes_by_a_clock_that_is_ahead_is_late_all_the_same),
         T(what_the_history_has_not_got_is_counted_and_the_longest_told),
         T(the_rows_between_two_begin_where_the_store_does),
         EACH(an_event_is_another_if_it_says_anything_else),
