@@ -409,6 +409,21 @@ static void tell_operation(const struct simulate *r)
             n);
 }
 
+/* The runs of a campaign or a sweep are of the experiment alone. */
+static void tell_left_out(const struct simulate *r)
+{
+    struct samples written;
+    struct apc_error why;
+    if (folder_written(&r->e, &written, &why) > 0 && written.n > 0)
+        fprintf(r->talk,
+                "what people wrote in that run, %zu values, is not written in these: without --runs and "
+                "--sweep it is\n",
+                written.n);
+    else
+        tell_operation(r);
+    samples_free(&written);
+}
+
 static int make_alarm_figures(const struct simulate *r, struct alarm_figures *alarms)
 {
     struct alarm_journal journal;
@@ -635,6 +650,7 @@ static int simulate(struct simulate *r)
     const bool several = r->options.runs > 0;
     if (!several && !r->options.sweep.n)
         return simulate_once(r);
+    tell_left_out(r);
     if (several && r->options.runs - 1 > UINT64_MAX - r->options.seed) {
         cli_error(&r->cli, APC_ERANGE, "--runs %u: so many seeds from %llu on go beyond 18446744073709551615",
                   r->options.runs, (unsigned long long)r->options.seed);

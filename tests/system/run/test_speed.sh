@@ -162,6 +162,8 @@ expect 1 'expected the folder of a run of' "$apc" run "$file" --speed 1 --from 5
 expect 4 'expected a time before its end' "$apc" run "$work/session" --speed 1 --from 60 --out "$work/no"
 expect 2 'expected with --speed' "$apc" run "$work/session" --from 5 --out "$work/no"
 expect 2 'must be seconds, above 0' "$apc" run "$work/session" --speed 1 --from 0 --out "$work/no"
+# A campaign does not do it again, and says so.
+expect 0 'what people wrote in that run, [0-9]+ values, is not written in these' "$apc" simulate "$work/session" --runs 2
 cp -r "$work/session" "$work/torn"
 head -c 60 "$work/session/written.csv" >"$work/torn/written.csv"
 expect 1 'written.csv' "$apc" simulate "$work/torn"
