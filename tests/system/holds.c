@@ -11,7 +11,7 @@ int main(int argc, char **argv)
     struct apc_error why = {""};
     int rc = argc == 4 ? apc_store_open(&store, argv[1], NULL, &why) : APC_EINVAL;
     if (rc == 0) {
-        struct apc_sample one = {.table = apc_table_parse(argv[2]), .id = atoi(argv[3])};
+        struct apc_sample one = {.table = apc_table_parse(argv[2]), .id = (int)strtol(argv[3], NULL, 10)};
         rc = apc_store_claim_set(store, &one, 1);
     }
     if (rc == 0 && puts("held") >= 0 && fflush(stdout) == 0)
