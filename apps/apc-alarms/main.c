@@ -6,16 +6,29 @@
  */
 #include "daemon/daemon.h"
 
+#include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "notifier.h"
 #include "record/record.h"
+
+struct options {
+    bool test;
+};
+
+static const struct option_spec own_options[] = {
+    {"test-notify", 0, NULL, "Give each command of `notify` a test message, say what came, and end",
+     OPTION_FLAG, .to = offsetof(struct options, test)},
+    {0},
+};
 
 static const struct program program = {
     .ordinary = true,
     .name = "apc-alarms",
     .doc = "Evaluate the alarms of an experiment, and take acknowledgements and shelving.",
     .task = "alarms",
+    .extra = own_options,
 };
 
 struct shell {
@@ -78,11 +91,16 @@ static void tell_transitions(struct shell *s)
 {
     const struct apc_rows *out = apc_alarms_out(s->core);
     struct apc_event event;
-    for (size_t i = 0; i < out->n_samples; i++)
-        if (alarm_event(&s->d->experiment, &out->sample[i], &event)) {
+    for (size_t i = 0; i < out->n_samples; i++) {
+        const struct apc_sample *row = &out->sample[i];
+        if (alarm_event(&s->d->experiment, row, &event)) {
             daemon_event(s->d, event.severity, event.kind, "%s", event.text);
-            notify(s, &out->sample[i], false);
+            notify(s, row, false);
+        } else if (row->table == APC_ALARM) {
+            for (size_t k = 0; k < s->d->experiment.alarms.n_notices; k++)
+                notifier_follow(s->notifier[k], row);
         }
+    }
 }
 
 /* Whether a predecessor that died came to telling of what stands, nobody knows. */
@@ -154,11 +172,34 @@ static int open_alarms(struct shell *s)
     return rc;
 }
 
+/* Returns 0, or APC_ESYS: one of them did not take it. */
+static int test_notify(struct daemon *d)
+{
+    const struct experiment *e = &d->experiment;
+    int rc = 0;
+    if (e->alarms.n_notices == 0)
+        return daemon_error(d, APC_EINVAL, "%s has no command of `notify`: nobody is told of alarms",
+                            e->file);
+    for (size_t i = 0; i < e->alarms.n_notices; i++) {
+        char why[128] = "needs more memory than there is";
+        const struct alarm_notice *is = &e->alarms.notice[i];
+        if (notifier_try(e, is, why, sizeof why))
+            printf("\"%s\" was told\n", is->command);
+        else
+            rc = daemon_error(d, APC_ESYS, "\"%s\" was not told: it %s", is->command, why);
+        (void)fflush(stdout);
+    }
+    return rc;
+}
+
 int main(int argc, char **argv)
 {
     struct daemon d;
+    struct options options = {.test = false};
     struct shell s = {.d = &d};
-    int rc = daemon_open(&d, &program, NULL, argc, argv);
+    int rc = daemon_open(&d, &program, &options, argc, argv);
+    if (rc == 0 && options.test)
+        return daemon_close(&d, test_notify(&d));
     if (rc == 0)
         rc = open_alarms(&s);
     if (rc == 0)

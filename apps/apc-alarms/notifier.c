@@ -24,9 +24,12 @@
 
 #define WAITING 64 /* alarms; of a flood nobody wants to be told one by one */
 
+#define LOOK (60 * APC_NS_PER_S) /* at what is due later, as clocks are set */
+
 struct raised {
     struct apc_sample row;
-    bool again;
+    bool again, late; /* late: it is told only if it is still not acknowledged */
+    apc_ns due;       /* of what is told later: mono; 0: it is not */
 };
 
 struct notifier {
@@ -38,23 +41,29 @@ struct notifier {
     struct raised waiting[WAITING]; /* under mutex, with: */
     size_t first, count;
     unsigned long dropped;
+    struct raised *later; /* [alarms] */
 
     unsigned long untold; /* the thread's own: since it fails; with those dropped meanwhile */
 };
 
 /* ---- The message -------------------------------------------------------------------------- */
 
-static char *make_message(const struct notifier *n, const struct raised *raised)
+static char *make_message(const struct experiment *e, const struct alarm_notice *is,
+                          const struct raised *raised)
 {
-    const struct alarm *a = &n->d->experiment.alarm[raised->row.id - 1];
+    const struct alarm *a = &e->alarm[raised->row.id - 1];
     char time[APC_TIME_LEN];
     struct text t = {0};
-    json_add(&t, "{experiment:%s, alarm:%s, priority:%d, state:%s, time:%s, number:%jd",
-             n->d->experiment.name, a->name, a->is.priority,
+    json_add(&t, "{");
+    if (is->details)
+        json_add(&t, "experiment:%s, alarm:%s", e->name, a->name);
+    json_add(&t, "priority:%d, state:%s, time:%s, number:%jd", a->is.priority,
              apc_alarm_state_name((enum apc_alarm_state)(int)raised->row.value),
              apc_time_format(raised->row.time, time), raised->row.origin);
-    json_add(&t, "area:%s, message:%s, consequence:%s, response:%s, again:%i}", a->area, a->message,
-             a->consequence, a->response, raised->again);
+    if (is->details)
+        json_add(&t, "area:%s, message:%s, consequence:%s, response:%s", a->area, a->message, a->consequence,
+                 a->response);
+    json_add(&t, "again:%i}", raised->again);
     text_put(&t, "", 1);
     return t.at;
 }
@@ -116,12 +125,12 @@ static int spawn_command(const struct alarm_notice *is, int input, pid_t *pid)
     return rc;
 }
 
-/* Until it has ended, its time is up, or the daemon stops. Returns whether it has ended. */
-static bool await_command(const struct notifier *n, pid_t pid)
+/* Until it has ended, its time is up, or @p stop can be read. Returns whether it has ended. */
+static bool await_command(const struct alarm_notice *is, int stop, pid_t pid)
 {
     const int process = (int)syscall(SYS_pidfd_open, pid, 0); /* glibc has it from 2.36 on */
-    struct pollfd of[] = {{.fd = process, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
-    const apc_ns end = apc_clock_mono(NULL) + n->is->timeout;
+    struct pollfd of[] = {{.fd = process, .events = POLLIN}, {.fd = stop, .events = POLLIN}};
+    const apc_ns end = apc_clock_mono(NULL) + is->timeout;
     int ready = process < 0 ? -1 : 0;
     while (ready == 0 && apc_clock_mono(NULL) < end) {
         ready = poll(of, 2, (int)((end - apc_clock_mono(NULL)) / APC_NS_PER_MS) + 1);
@@ -134,25 +143,25 @@ static bool await_command(const struct notifier *n, pid_t pid)
 }
 
 /* Returns whether it did what it was to do; if not, @p why says what came. */
-static bool run_command(const struct notifier *n, const char *text, char *why, size_t size)
+static bool run_command(const struct alarm_notice *is, int stop, const char *text, char *why, size_t size)
 {
     const int input = open_message(text);
     pid_t pid = -1;
     int status = 0;
-    int rc = input < 0 ? errno : spawn_command(n->is, input, &pid);
+    int rc = input < 0 ? errno : spawn_command(is, input, &pid);
     if (input >= 0)
         close(input);
     if (rc != 0) {
         snprintf(why, size, "could not be started: %s", strerror(rc));
         return false;
     }
-    const bool ended = await_command(n, pid);
+    const bool ended = await_command(is, stop, pid);
     if (!ended)
         (void)kill(-pid, SIGKILL);
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
         ;
     if (!ended)
-        snprintf(why, size, "did not end within %g s and was killed", apc_ns_to_s(n->is->timeout));
+        snprintf(why, size, "did not end within %g s and was killed", apc_ns_to_s(is->timeout));
     else if (WIFSIGNALED(status))
         snprintf(why, size, "was ended by signal %d", WTERMSIG(status));
     else
@@ -185,14 +194,56 @@ static void report_notification(struct notifier *n, const struct raised *raised,
     n->untold = 0;
 }
 
+/* Under mutex, like what follows. */
+static void queue_raised(struct notifier *n, const struct raised *raised)
+{
+    if (n->count < WAITING)
+        n->waiting[(n->first + n->count++) % WAITING] = *raised;
+    else
+        n->dropped++;
+}
+
+/* Told in @p wait ns, or now, and later again. */
+static void plan_notification(struct notifier *n, const struct raised *raised, apc_ns wait)
+{
+    struct raised *later = &n->later[raised->row.id - 1];
+    *later = *raised;
+    later->late = true;
+    if (wait <= 0) {
+        queue_raised(n, raised);
+        later->again = true;
+        wait = n->is->repeat;
+    }
+    later->due = wait > 0 ? apc_clock_mono(NULL) + wait : 0;
+}
+
+/* What is due waits. Returns ms until there is something to tell, at most; -1: there will be nothing. */
+static int queue_due(struct notifier *n)
+{
+    apc_ns wait = INT64_MAX;
+    pthread_mutex_lock(&n->mutex);
+    for (size_t i = 0; i < n->d->experiment.n_alarms; i++) {
+        const struct raised is = n->later[i];
+        const apc_ns now = apc_clock_mono(NULL);
+        if (is.due > 0 && is.due <= now)
+            plan_notification(n, &is, alarm_notice_quiet(n->is, apc_clock_utc(NULL)));
+        if (n->later[i].due > 0 && n->later[i].due - now < wait)
+            wait = n->later[i].due - now;
+    }
+    const bool some = n->count > 0;
+    pthread_mutex_unlock(&n->mutex);
+    return some ? 0 : wait == INT64_MAX ? -1 : (int)((wait < LOOK ? wait : LOOK) / APC_NS_PER_MS) + 1;
+}
+
 static bool take_raised(struct notifier *n, struct raised *raised, unsigned long *dropped)
 {
     pthread_mutex_lock(&n->mutex);
-    const bool some = n->count > 0;
-    if (some) {
+    bool some = false;
+    while (n->count > 0 && !some) {
         *raised = n->waiting[n->first];
         n->first = (n->first + 1) % WAITING;
         n->count--;
+        some = !raised->late || n->later[raised->row.id - 1].row.seq == raised->row.seq;
     }
     *dropped = n->dropped;
     n->dropped = 0;
@@ -206,8 +257,8 @@ static void tell_waiting(struct notifier *n)
     unsigned long dropped;
     while (!is_notifier_stopped(n) && take_raised(n, &raised, &dropped)) {
         char why[128] = "needs more memory than there is";
-        char *text = make_message(n, &raised);
-        const bool done = text && run_command(n, text, why, sizeof why);
+        char *text = make_message(&n->d->experiment, n->is, &raised);
+        const bool done = text && run_command(n->is, n->stop, text, why, sizeof why);
         if (!is_notifier_stopped(n))
             report_notification(n, &raised, done, why, dropped);
         free(text);
@@ -220,8 +271,9 @@ static void *serve_notifications(void *ctx)
     struct pollfd of[] = {{.fd = n->wake, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
     while (!is_notifier_stopped(n)) {
         uint64_t count;
-        if (poll(of, 2, -1) > 0 && read(n->wake, &count, sizeof count) > 0)
-            tell_waiting(n);
+        (void)poll(of, 2, queue_due(n));
+        (void)!read(n->wake, &count, sizeof count);
+        tell_waiting(n);
     }
     return NULL;
 }
@@ -233,6 +285,7 @@ static void destroy(struct notifier *n)
     if (n->stop >= 0)
         close(n->stop);
     pthread_mutex_destroy(&n->mutex);
+    free(n->later);
     free(n);
 }
 
@@ -240,7 +293,11 @@ int notifier_start(struct notifier **out, struct daemon *d, const struct alarm_n
 {
     struct notifier *n = calloc(1, sizeof *n);
     *out = NULL;
-    if (!n || apc_mutex_init(&n->mutex) < 0) {
+    if (n)
+        n->later = calloc(d->experiment.n_alarms + 1, sizeof *n->later);
+    if (!n || !n->later || apc_mutex_init(&n->mutex) < 0) {
+        if (n)
+            free(n->later);
         free(n);
         return daemon_error(d, APC_ENOMEM, "out of memory");
     }
@@ -260,16 +317,43 @@ int notifier_start(struct notifier **out, struct daemon *d, const struct alarm_n
 
 void notifier_tell(struct notifier *n, const struct apc_sample *row, bool again)
 {
+    const struct raised raised = {.row = *row, .again = again, .late = n->is->after > 0};
     const uint64_t one = 1;
     if (n->d->experiment.alarm[row->id - 1].is.priority > n->is->priority)
         return;
+    const apc_ns utc = apc_clock_utc(NULL), stood = utc > row->time ? utc - row->time : 0,
+                 left = stood < n->is->after ? n->is->after - stood : 0,
+                 wait = left + alarm_notice_quiet(n->is, utc + left);
     pthread_mutex_lock(&n->mutex);
-    if (n->count < WAITING)
-        n->waiting[(n->first + n->count++) % WAITING] = (struct raised){*row, again};
-    else
-        n->dropped++;
+    plan_notification(n, &raised, wait);
     pthread_mutex_unlock(&n->mutex);
     (void)!write(n->wake, &one, sizeof one);
+}
+
+void notifier_follow(struct notifier *n, const struct apc_sample *row)
+{
+    struct raised *later = &n->later[row->id - 1];
+    pthread_mutex_lock(&n->mutex);
+    if (apc_alarm_is_unacked((enum apc_alarm_state)(int)row->value))
+        later->row.value = row->value;
+    else
+        *later = (struct raised){.due = 0};
+    pthread_mutex_unlock(&n->mutex);
+}
+
+bool notifier_try(const struct experiment *e, const struct alarm_notice *is, char *why, size_t size)
+{
+    char time[APC_TIME_LEN];
+    struct text t = {0};
+    json_add(&t, "{");
+    if (is->details)
+        json_add(&t, "experiment:%s", e->name);
+    json_add(&t, "time:%s, message:%s, test:%i}", apc_time_format(apc_clock_utc(NULL), time),
+             "a test: nothing happened", true);
+    text_put(&t, "", 1);
+    const bool done = t.at && run_command(is, -1, t.at, why, size);
+    free(t.at);
+    return done;
 }
 
 void notifier_stop(struct notifier *n)

@@ -168,7 +168,13 @@ struct alarm_notice {
     char command[ALARM_COMMAND];
     int priority; /* of those that are as grave as that, or graver */
     apc_ns timeout;
+    apc_ns after;                /* not acknowledged so long since it was raised; 0: at once */
+    apc_ns repeat;               /* again, until it is acknowledged; 0: once */
+    int quiet_from, quiet_until; /* minutes of the local day; equal: there are no quiet hours */
+    bool details;                /* the message names experiment, alarm and texts */
 };
+/* How long quiet hours last from @p utc on; 0: these are none. */
+apc_ns alarm_notice_quiet(const struct alarm_notice *is, apc_ns utc);
 
 struct experiment {
     char file[EXPERIMENT_PATH]; /* it was loaded from */

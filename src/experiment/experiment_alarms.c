@@ -402,10 +402,54 @@ static void check_all(struct settings *s, const struct owner *o)
 
 /* ---- How they are evaluated -------------------------------------------------------------------- */
 
-/* notify = ( { priority = 1; command = "mail -s alarm operator"; timeout = 10.0; } ) */
+apc_ns alarm_notice_quiet(const struct alarm_notice *is, apc_ns utc)
+{
+    const time_t now = (time_t)(utc / APC_NS_PER_S);
+    struct tm t;
+    if (is->quiet_from == is->quiet_until || !localtime_r(&now, &t))
+        return 0;
+    const int minute = 60 * t.tm_hour + t.tm_min;
+    const bool overnight = is->quiet_from > is->quiet_until, late = minute >= is->quiet_from,
+               early = minute < is->quiet_until;
+    if (overnight ? !late && !early : !late || !early)
+        return 0;
+    t.tm_mday += overnight && late;
+    t.tm_hour = is->quiet_until / 60;
+    t.tm_min = is->quiet_until % 60;
+    t.tm_sec = 0;
+    t.tm_isdst = -1;
+    const apc_ns left = (apc_ns)mktime(&t) * APC_NS_PER_S - utc;
+    return left > 0 ? left : 60 * APC_NS_PER_S; /* an hour that comes twice */
+}
+
+static bool read_minute(const char *text, int *minute)
+{
+    static const char pattern[] = "29:59";
+    for (size_t i = 0; i < sizeof pattern - 1; i++)
+        if (pattern[i] == ':' ? text[i] != ':' : text[i] < '0' || text[i] > pattern[i])
+            return false;
+    *minute = 60 * (10 * (text[0] - '0') + text[1] - '0') + 10 * (text[3] - '0') + text[4] - '0';
+    return *minute < 24 * 60;
+}
+
+static void read_quiet(struct settings *s, const config_setting_t *group, struct alarm_notice *notice)
+{
+    char text[16] = "";
+    settings_text(s, group, "quiet", OPTIONAL, text, sizeof text);
+    if (s->failed || !config_setting_get_member(group, "quiet"))
+        return;
+    if (!read_minute(text, &notice->quiet_from) || text[5] != '-' ||
+        !read_minute(text + 6, &notice->quiet_until) || text[11] != '\0' ||
+        notice->quiet_from == notice->quiet_until)
+        settings_fail(s, config_setting_get_member(group, "quiet"),
+                      "\"quiet\" is \"%s\": expected two times of the day, as \"22:00-06:00\"", text);
+}
+
+/* notify = ( { priority = 1; command = "mail -s alarm operator"; timeout = 10.0; after = 300.0; } ) */
 static void read_notices(struct settings *s, const config_setting_t *of, struct experiment *e)
 {
-    static const char *const known[] = {"priority", "command", "timeout", NULL};
+    static const char *const known[] = {"priority", "command", "timeout", "after",
+                                        "repeat",   "quiet",   "details", NULL};
     const config_setting_t *list = settings_list(s, of, "notify", OPTIONAL);
     const size_t n = list ? (size_t)config_setting_length(list) : 0;
     if (n > ALARM_NOTICES) {
@@ -416,7 +460,7 @@ static void read_notices(struct settings *s, const config_setting_t *of, struct 
         const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
         struct alarm_notice *notice = &e->alarms.notice[i];
         int64_t priority = APC_ALARM_PRIORITIES;
-        double timeout = 10;
+        double timeout = 10, after = 0, repeat = 0;
         if (!config_setting_is_group(group)) {
             settings_fail(s, group, "expected a group: { priority = 1; command = \"...\"; }");
             return;
@@ -425,10 +469,17 @@ static void read_notices(struct settings *s, const config_setting_t *of, struct 
         settings_whole(s, group, "priority", OPTIONAL, 1, APC_ALARM_PRIORITIES, &priority);
         settings_text(s, group, "command", REQUIRED, notice->command, sizeof notice->command);
         settings_number(s, group, "timeout", OPTIONAL, 0.1, 600, &timeout);
+        settings_number(s, group, "after", OPTIONAL, 0, 86400, &after);
+        settings_number(s, group, "repeat", OPTIONAL, 1, 86400, &repeat);
+        read_quiet(s, group, notice);
+        notice->details = true;
+        settings_flag(s, group, "details", &notice->details);
         if (!s->failed && notice->command[0] == '\0')
             settings_fail(s, group, "\"command\" is empty");
         notice->priority = (int)priority;
         (void)apc_ns_from_s(timeout, &notice->timeout);
+        (void)apc_ns_from_s(after, &notice->after);
+        (void)apc_ns_from_s(repeat, &notice->repeat);
     }
     e->alarms.n_notices = n;
 }

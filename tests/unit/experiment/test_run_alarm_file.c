@@ -4,6 +4,8 @@
 #include "check.h"
 
 #include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
 
 #include "experiment/experiment.h"
 
@@ -192,6 +194,59 @@ static void alarms_are_evaluated_as_often_as_measurements_come_within_reason(voi
     }
 }
 
+/* ---- Who is told ------------------------------------------------------------------------------ */
+
+static apc_ns quiet_at(const char *quiet, const char *utc)
+{
+    char text[128];
+    apc_ns at = 0;
+    snprintf(text, sizeof text, "alarms = { notify = ( { command = \"a\"; quiet = \"%s\"; } ); };", quiet);
+    if (load_one(ROOT, text) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_time_parse(utc, &at), 0);
+    const apc_ns left = alarm_notice_quiet(&e.alarms.notice[0], at);
+    experiment_free(&e);
+    return left;
+}
+
+static void quiet_hours_are_of_the_local_day(void **state)
+{
+    const apc_ns m = 60 * S;
+    (void)state;
+    assert_int_equal(setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3", 1), 0);
+    tzset();
+    assert_int_equal(quiet_at("22:00-06:00", "2026-01-10T20:59:59Z"), 0);
+    assert_int_equal(quiet_at("22:00-06:00", "2026-01-10T21:00:00Z"), 480 * m);
+    assert_int_equal(quiet_at("22:00-06:00", "2026-01-10T23:30:00Z"), 330 * m);
+    assert_int_equal(quiet_at("22:00-06:00", "2026-01-11T04:59:30Z"), 30 * S);
+    assert_int_equal(quiet_at("22:00-06:00", "2026-01-11T05:00:00Z"), 0);
+    assert_int_equal(quiet_at("12:00-13:30", "2026-01-10T10:59:59Z"), 0);
+    assert_int_equal(quiet_at("12:00-13:30", "2026-01-10T11:15:00Z"), 75 * m);
+    assert_int_equal(quiet_at("12:00-13:30", "2026-01-10T12:30:00Z"), 0);
+    assert_int_equal(quiet_at("22:00-06:00", "2026-03-28T21:30:00Z"), 390 * m); /* a night without 02:00 */
+    assert_int_equal(quiet_at("22:00-06:00", "2026-10-24T20:30:00Z"), 510 * m); /* one that has it twice */
+    assert_in_range(quiet_at("22:00-02:45", "2026-10-25T01:30:00Z"), m, 15 * m); /* which 02:45 is open */
+    assert_int_equal(unsetenv("TZ"), 0);
+    tzset();
+}
+
+static void by_default_somebody_is_told_at_once_and_of_all(void **state)
+{
+    const struct alarm_notice *is = e.alarms.notice;
+    (void)state;
+    if (load_one(
+            ROOT,
+            "alarms = { notify = ( { command = \"a\"; }, { command = \"b\"; priority = 2; after = 300.0; "
+            "repeat = 900.0; details = false; } ); };") < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.alarms.n_notices, 2);
+    assert_int_equal(is[0].priority, 4);
+    assert_true(is[0].after == 0 && is[0].repeat == 0 && is[0].details && is[0].timeout == 10 * S);
+    assert_true(is[1].after == 300 * S && is[1].repeat == 900 * S && !is[1].details);
+    assert_int_equal(alarm_notice_quiet(&is[0], 0), 0);
+    experiment_free(&e);
+}
+
 /* ---- What is refused -------------------------------------------------------------------------- */
 
 /* Of one kind if they have names, levels that touch nothing, and what is not of one thing is not compared. */
@@ -228,6 +283,8 @@ int main(void)
         cmocka_unit_test(everything_is_loaded_as_it_stands_there),
         cmocka_unit_test(what_suppresses_an_alarm_is_found),
         cmocka_unit_test(alarms_are_evaluated_as_often_as_measurements_come_within_reason),
+        cmocka_unit_test(quiet_hours_are_of_the_local_day),
+        cmocka_unit_test(by_default_somebody_is_told_at_once_and_of_all),
         cmocka_unit_test(what_looks_like_a_mistake_and_is_none),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
