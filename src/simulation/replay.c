@@ -437,6 +437,33 @@ static int start_tick_anew(struct replay *r, struct replay_controller *rc, const
     return 0;
 }
 
+static bool is_behind_gap(const struct replay_controller *rc, const double *row)
+{
+    const size_t index = rc->core->offset[APC_TICK_INDEX];
+    return rc->row && row[index] - rc->row[index] > 1;
+}
+
+/* @p lost: the record has not all that it was made from. */
+static void count_tick(const struct replay *r, struct replay_controller *rc, const struct tick_row *at,
+                       bool same, bool begins, bool lost, const char text[REPLAY_TEXT])
+{
+    struct replay_figures *f = &rc->figures;
+    const bool lacks = !same && !begins && lost && r->of_store && !r->other_law;
+    if (begins && !f->begins)
+        f->begins = at->time;
+    if (lacks && !f->lacks[0]) {
+        f->loses = at->time;
+        memcpy(f->lacks, text, sizeof f->lacks);
+    }
+    if (!same && !begins && !lacks && !f->first[0]) {
+        f->differs = at->time;
+        memcpy(f->first, text, sizeof f->first);
+    }
+    f->lost += lacks;
+    f->judged += !lacks && !begins;
+    f->same += same;
+}
+
 int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
 {
     const struct tick_row *at = &rc->ticks.at[k], *former = k > 0 ? at - 1 : NULL;
@@ -450,9 +477,8 @@ int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     int err = 0;
 
     const bool begins = !same && !r->other_law && begins_later(rc, row, missing);
-    if (begins)
-        rc->begins = rc->begins ? rc->begins : at->time;
-    else if (!same)
+    const bool lost = missing || is_behind_gap(rc, row);
+    if (!same && !begins)
         replay_tell_difference(r, rc, at, row, missing, text);
     if (!same && !r->other_law && former) {
         if ((err = start_tick_anew(r, rc, at, row, former, &notice)) < 0)
@@ -464,12 +490,10 @@ int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
                 return err;
             same = replay_is_made(rc->core, row);
         }
-        rc->restarts += same && judged;
+        rc->figures.restarts += same && judged;
     }
-    if (!same && judged && !rc->first[0])
-        memcpy(rc->first, text, sizeof rc->first);
-    rc->judged += judged && !begins;
-    rc->same += same && judged;
+    if (judged)
+        count_tick(r, rc, at, same, begins, lost, text);
     if (judged)
         compare_outputs(r, rc, at, row);
     do
@@ -544,31 +568,31 @@ static void compare_virtual(struct replay *r, struct replay_controller *rc, cons
 {
     const struct apc_controller *c = rc->core;
     const size_t index = c->offset[APC_TICK_INDEX];
-    for (size_t k = 0; k < rc->ticks.n && !rc->first[0]; k++) {
+    for (size_t k = 0; k < rc->ticks.n && !rc->figures.first[0]; k++) {
         const struct tick_row *at = &rc->ticks.at[k];
         const double *row = rc->ticks.value + at->first;
         const double *other = k < made->n ? made->value + made->at[k].first : NULL;
         const char *name;
         size_t element;
         if (!other || other[index] < row[index] || other[index] > row[index])
-            describe_difference(r, rc, at, row, rc->first, "%s",
+            describe_difference(r, rc, at, row, rc->figures.first, "%s",
                                 !other ? "there is none in virtual time: the run was longer"
                                 : other[index] < row[index]
                                     ? "a tick before it is not on record: it was missed"
                                     : "it was missed in virtual time");
         else if (at->n != made->at[k].n)
-            describe_difference(r, rc, at, row, rc->first,
+            describe_difference(r, rc, at, row, rc->figures.first,
                                 "its law, its settings or its model are not those that ran");
         else if (first_difference(c, row, other, left_out, &name, &element))
             describe_difference(
-                r, rc, at, row, rc->first,
+                r, rc, at, row, rc->figures.first,
                 "%s was %.17g, in virtual time it is %.17g: %s, and the tick %.1f ms late%s%s", name,
                 row[element], other[element], cause_of(c, row, other), 1e3 * late_s(r, rc, at, row[index]),
                 r->other_build[0] ? "; " : "", r->other_build);
         else
-            rc->same++;
+            rc->figures.same++;
     }
-    rc->judged = rc->ticks.n;
+    rc->figures.judged = rc->ticks.n;
 }
 
 int replay_virtual(struct replay *r)

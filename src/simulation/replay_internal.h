@@ -1,11 +1,14 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* One tick of a recorded run again: replay_load.c reads it, replay.c compares it, and why.c alters it. */
+/* One tick of a recorded run again: replay_load.c, season.c read it, replay.c compares it, and why.c alters it. */
 #ifndef APC_REPLAY_INTERNAL_H
 #define APC_REPLAY_INTERNAL_H
 
 #include "modules/controller.h"
 #include "simulation.h"
 
+/* The experiment of a run folder, its start, and what made it. Returns 0 or an error. */
+int replay_load_folder(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
+                       struct apc_error *why);
 /* Room for it; the experiment is loaded. */
 int replay_make(struct replay *r, struct apc_error *why);
 /* Samples that ticks name: what was in force when the range begins, and all in it. Of vectors the last before it,

@@ -75,6 +75,17 @@ static void compare_builds(struct replay *r, const char *dir)
     add_difference(r, "processor", was.machine, here.machine);
 }
 
+int replay_load_folder(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
+                       struct apc_error *why)
+{
+    const int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
+    if (rc < 0)
+        return rc;
+    compare_builds(r, dir);
+    r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
+    return 0;
+}
+
 int replay_make(struct replay *r, struct apc_error *why)
 {
     r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
@@ -93,12 +104,9 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
                 struct apc_error *why)
 {
     *r = (struct replay){.other_law = overrides && (overrides->law || overrides->n_set > 0)};
-    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
-    if (rc < 0)
-        return rc;
-    compare_builds(r, dir);
-    r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
-    rc = replay_make(r, why);
+    int rc = replay_load_folder(r, dir, overrides, why);
+    if (rc == 0)
+        rc = replay_make(r, why);
     return rc < 0 ? rc : load_replay_record(r, dir, why);
 }
 

@@ -199,21 +199,31 @@ struct replay_difference {
 
 #define REPLAY_TEXT 300
 
+/* What came of the ticks of one controller. */
+struct replay_figures {
+    uint64_t judged; /* compared, but for those of which the record has not all */
+    uint64_t same;   /* of them all of the row came out again */
+    uint64_t
+        lost; /* of a store: not the same, and a row that they name or ticks before them are not on record */
+    uint64_t
+        others; /* of a store: of a law, settings or a model that no description of it has; not replayed */
+    uint64_t restarts; /* found by what came out: it went on from its stored row */
+    apc_ns begins; /* of the first tick, where what it went on from is not on record any more; 0: all are */
+    apc_ns other;  /* the first of `others`; 0: there is none */
+    apc_ns differs, loses;   /* when the first that differs is, and the first that is lost */
+    char first[REPLAY_TEXT]; /* which tick is the first that differs, and why; "": none does */
+    char lacks[REPLAY_TEXT]; /* the same of the first that is lost */
+};
+
 /* One controller of the run. */
 struct replay_controller {
     const struct controller *of;
     struct apc_controller *core;
     struct ticks ticks; /* recorded */
-    uint64_t judged;    /* ticks that were compared, but for that of `begins` */
-    uint64_t same;      /* ticks at which all of the row came out again */
-    uint64_t
-        others; /* of a store: rows of another law, other settings or another model, which are not replayed */
-    uint64_t restarts; /* found by what came out: it went on from its stored row */
-    apc_ns begins; /* of the first tick, where what it went on from is not on record any more; 0: all are */
-    char first[REPLAY_TEXT]; /* which tick is the first that differs, and why; "": none does */
-    struct apc_now now;      /* of the tick before */
-    struct apc_now ticking;  /* of this one */
-    const double *row;       /* of the tick before, recorded; NULL: there is none */
+    struct replay_figures figures;
+    struct apc_now now;     /* of the tick before */
+    struct apc_now ticking; /* of this one */
+    const double *row;      /* of the tick before, recorded; NULL: there is none */
 };
 
 /* Called as the replay goes on; t in s since the start of the run. Either may be NULL. */
@@ -262,17 +272,6 @@ struct replay_part {
 /* The same of that part, for why_find(), with the experiment that was simulated, or as the store's catalogue has it,
  * and had it then where it keeps former ones. */
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why);
-/* Instead: ticks that a store holds, whatever their number, over restarts and changes of tuning and mode. */
-struct replay_range {
-    struct apc_store *store;
-    apc_ns since, until;                          /* UTC; the experiment is that of the end */
-    apc_ns window;                                /* of so much the rows are in memory at once */
-    const char *controller;                       /* NULL: all */
-    const struct experiment_overrides *overrides; /* a law, settings: its own tuning holds; NULL: what ran */
-};
-/* Returns 0 or why it ended; replay_free() in either case. Times of @watch are since @of->since. */
-int replay_store(struct replay *r, const struct replay_range *of, const struct replay_watch *watch,
-                 struct apc_error *why);
 /* A time of the record, for people. */
 const char *replay_time(const struct replay *r, apc_ns time, char text[APC_TIME_LEN]);
 /* Once. Returns 0 or why it ended, with a text in r->why. */
@@ -283,6 +282,59 @@ int replay_run(struct replay *r, const struct replay_watch *watch);
  */
 int replay_virtual(struct replay *r);
 void replay_free(struct replay *r);
+
+/* ---- A season ------------------------------------------------------------------------------- */
+
+/*
+ * Ticks of a record, whatever their number: over restarts, and changes of tuning, mode, law and settings. A store
+ * says with which experiment each was made; a run folder has one.
+ */
+struct replay_range {
+    struct apc_store *store;
+    const char *dir;     /* of the run folder whose ticks `store` has; NULL: it is of a plant */
+    apc_ns since, until; /* UTC */
+    bool exact;    /* these are from a season that was opened before; else it begins with its first tick */
+    apc_ns window; /* of so much the rows are in memory at once */
+    const char *controller;                       /* NULL: all */
+    const struct experiment_overrides *overrides; /* a law, settings: its own tuning holds; NULL: what ran */
+};
+
+struct season {
+    struct replay_range of; /* with `since` and `until` of what there is: since >= until: nothing */
+    struct season_controller {
+        char name[APC_TAG_LEN];
+        struct replay_figures figures;
+    } * controller;
+    size_t n_controllers;
+    struct season_loop {
+        char name[APC_TAG_LEN];
+        struct replay_difference difference;
+    } * loop;
+    size_t n_loops;
+
+    /* its own */
+    struct season_revision {
+        apc_ns since; /* in force from then on */
+        struct replay replay;
+        bool usable, wanted;
+        struct apc_error why; /* if it is not usable */
+    } * revision;             /* [n] how the experiment was described, the newest last */
+    size_t n;
+    bool former; /* a former description than that in force is replayed */
+    struct replay_watch watch;
+};
+/* Returns 0, APC_ENOTFOUND (no such controller) or another error; season_close() in either case, before that of the
+ * store. Times of @watch are since @of->since, of a folder since its start. */
+int season_open(struct season *s, const struct replay_range *of, const struct replay_watch *watch,
+                struct apc_error *why);
+/* Where the window that begins at @since ends. */
+apc_ns season_window(const struct season *s, apc_ns since);
+/* The ticks of a window: what comes of them is added. Windows are independent of each other. Returns 0 or an error. */
+int season_replay(struct season *s, apc_ns since, apc_ns until, struct apc_error *why);
+/* Add what came of a later window, in a season of the same range. */
+void season_add(struct season *to, const struct season_controller *controller,
+                const struct season_loop *loop);
+void season_close(struct season *s);
 
 /* ---- Why ------------------------------------------------------------------------------------ */
 

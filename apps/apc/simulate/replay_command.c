@@ -1,20 +1,24 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc replay: what a controller would have done in a recorded run, or over the record of a store. */
+/* apc replay: what a controller would have done in a recorded run, or over a season of records. */
 #include "simulation/simulation.h"
 
 #include <errno.h>
 #include <float.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "apc/common/print.h"
 #include "apc/common/setting.h"
 #include "apc/folder/folder.h"
+#include "common/storeuri.h"
 #include "files/files.h"
+#include "worker_pool.h"
 
 struct replay_options {
     const char *csv;
-    bool force;
+    bool force, json;
+    unsigned jobs;    /* 0: one a CPU */
     double tolerance; /* < 0: none */
     bool virtually;
     const char *since, *until, *controller;
@@ -25,8 +29,11 @@ struct replay_options {
 static void check_replay_options(void *input, const struct argp_state *state)
 {
     const struct replay_options *o = input;
-    if (o->virtually && (o->csv || o->overrides.law || o->set.n > 0 || o->tolerance >= 0))
+    if (o->virtually && (o->csv || o->overrides.law || o->set.n > 0 || o->tolerance >= 0 || o->since ||
+                         o->until || o->controller || o->json || o->jobs))
         argp_error(state, "--virtual: goes with no other option");
+    if (o->csv && (o->jobs || o->json))
+        argp_error(state, "--csv: goes without --jobs and --json");
 }
 
 #define AT(member) .to = offsetof(struct replay_options, member)
@@ -41,12 +48,13 @@ static const struct option_spec own_options[] = {
      "tuning "
      "applies, not the recorded one",
      OPTION_OWN, AT(set), .take = setting_add},
-    {"since", 0, "TIME",
-     "Of a store: ticks from then on, UTC as 2026-01-31T12:00:00Z, or before now as 10m, 2h, 1d", OPTION_TEXT,
-     AT(since)},
-    {"until", 0, "TIME", "Of a store: ticks before then; the experiment is that of then", OPTION_TEXT,
-     AT(until)},
-    {"controller", 0, "NAME", "Of a store: this controller alone", OPTION_TEXT, AT(controller)},
+    {"since", 0, "TIME", "Ticks from then on, UTC as 2026-01-31T12:00:00Z, or before now as 10m, 2h, 1d",
+     OPTION_TEXT, AT(since)},
+    {"until", 0, "TIME", "Ticks before then", OPTION_TEXT, AT(until)},
+    {"controller", 0, "NAME", "This controller alone", OPTION_TEXT, AT(controller)},
+    {"jobs", 'j', "N", "Processes; default: one a CPU. The answer does not depend on it", OPTION_COUNT,
+     AT(jobs), .low = 1, .high = 1024, .must = "be 1 to 1024"},
+    {"json", 0, NULL, "The same as JSON", OPTION_FLAG, AT(json)},
     {"tolerance", 0, "U", "End with code 1 when an output differs by more", OPTION_NUMBER, AT(tolerance),
      .high = DBL_MAX, .must = "be a number, 0 or above"},
     {"csv", 0, "FILE", "Write time,loop,recorded,replayed there; - is stdout", OPTION_TEXT, AT(csv)},
@@ -57,26 +65,38 @@ static const struct option_spec own_options[] = {
 };
 
 static const struct cli_spec spec = {
-    .args_doc = "[RUN]",
+    .args_doc = "[RUN|STORE]...",
     .doc =
         "Repeat each controller of run folder RUN from what its ticks were made from, and report how what it "
         "does differs from what was recorded. Without --law it is the law that ran: then all of each tick "
         "has "
-        "to come out again, bit for bit; the first tick that does not is named, and why. Without RUN, of a "
-        "store: its ticks over restarts and changes of tuning and mode; without --law, --set and --tolerance "
-        "the code is 1 unless all came out.",
+        "to come out again, bit for bit; the first tick that does not is named, and why. Of stores and of "
+        "several runs: their ticks over restarts and changes of tuning, mode, law and settings, in parallel. "
+        "The code is then 1 when a tick differs or none could be replayed, unless --law, --set or "
+        "--tolerance "
+        "say what else is wanted.",
     .takes = CLI_STORE,
-    .max_args = 1,
+    .max_args = -1,
     .options = own_options,
     .check = check_replay_options,
+};
+
+/* A run folder or a store. */
+struct source {
+    const char *name;
+    bool folder;
+    struct apc_store *store; /* NULL: it is not open in this process */
+    struct season season;
+    bool opened;
 };
 
 struct replay_command {
     struct cli cli;
     struct replay_options options;
-    struct replay replay;
-    struct apc_store *store; /* NULL: of a run folder */
+    struct replay replay; /* of one run folder, whole */
     FILE *csv, *talk;
+    struct source *source; /* [n] of a season */
+    size_t n;
 };
 
 static int fail_replay(const struct replay_command *c, int err, const struct apc_error *why)
@@ -105,47 +125,48 @@ static void put_notice(void *ctx, double t, const char *text)
 }
 
 /* Did all of each tick come out again? If not: which is the first that did not, and why. */
+static bool print_same(const struct replay_command *c, const char *name, const struct replay_figures *f)
+{
+    fprintf(c->talk, "%s: %llu of %llu ticks the same bit for bit", name, (unsigned long long)f->same,
+            (unsigned long long)f->judged);
+    if (f->restarts)
+        fprintf(c->talk, ", %llu of them after a restart", (unsigned long long)f->restarts);
+    putc('\n', c->talk);
+    if (f->first[0])
+        fprintf(c->talk, "%s: the first that differs: %s\n", name, f->first);
+    return !f->first[0];
+}
+
 static bool print_exactness(const struct replay_command *c)
 {
     bool exact = true;
     for (size_t i = 0; i < c->replay.e.n_controllers; i++) {
         const struct replay_controller *of = &c->replay.controller[i];
         char since[APC_TIME_LEN];
-        if (c->store && of->judged + of->others == 0)
-            continue;
-        if (of->begins && c->store)
-            fprintf(c->talk, "%s: what its tick at %s went on from is not on record\n", of->of->name,
-                    apc_time_format(of->begins, since));
-        else if (of->begins)
+        if (of->figures.begins)
             fprintf(c->talk,
                     "%s: ticks before %s are not on record: the run's store had no room for more (apc run "
                     "--history URI keeps all, shm:NAME?size=MIB more)\n",
-                    of->of->name, apc_time_format(of->begins, since));
-        fprintf(c->talk, "%s: %llu of %llu ticks the same bit for bit%s", of->of->name,
-                (unsigned long long)of->same, (unsigned long long)of->judged, of->restarts ? ", " : "\n");
-        if (of->restarts)
-            fprintf(c->talk, "%llu of them after a restart\n", (unsigned long long)of->restarts);
-        if (of->first[0])
-            fprintf(c->talk, "%s: the first that differs: %s\n", of->of->name, of->first);
-        if (of->others)
-            fprintf(c->talk,
-                    "%s: %llu ticks are of another law, other settings or another model, and not replayed\n",
-                    of->of->name, (unsigned long long)of->others);
-        exact = exact && !of->first[0] && of->others == 0;
+                    of->of->name, apc_time_format(of->figures.begins, since));
+        exact = print_same(c, of->of->name, &of->figures) && exact;
     }
     return exact;
 }
 
-static uint64_t ticks_of(const struct replay_command *c)
+static void put_output_difference(struct print_table *table, const char *name,
+                                  const struct replay_difference *d)
 {
-    uint64_t n = 0;
-    for (size_t i = 0; i < c->replay.e.n_controllers; i++)
-        n += c->store ? c->replay.controller[i].judged + c->replay.controller[i].others
-                      : c->replay.controller[i].ticks.n;
-    return n;
+    print_cell(table, PRINT_PLAIN, "%s", name);
+    print_cell(table, PRINT_PLAIN, "%llu", (unsigned long long)d->ticks);
+    print_cell(table, PRINT_PLAIN, "%llu", (unsigned long long)d->same);
+    print_cell(table, PRINT_PLAIN, d->ticks ? "%.3g" : "-", d->sum / (double)d->ticks);
+    print_cell(table, PRINT_PLAIN, "%.3g", d->worst);
+    print_cell(table, PRINT_PLAIN, d->high > d->low ? "%.4f" : "-", 100 * d->worst / (d->high - d->low));
+    print_cell(table, PRINT_PLAIN, "%.3f", d->at);
 }
 
-static int print_differences(const struct replay_command *c)
+/* Of a season, or of the run. */
+static int print_differences(const struct replay_command *c, const struct season *season)
 {
     static const struct print_column columns[] = {{"", PRINT_LEFT},          {"ticks", PRINT_RIGHT},
                                                   {"the same", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
@@ -153,16 +174,10 @@ static int print_differences(const struct replay_command *c)
                                                   {"at s", PRINT_POINT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
-    for (size_t i = 0; i < c->replay.loops.n; i++) {
-        const struct replay_difference *d = &c->replay.difference[i];
-        print_cell(&table, PRINT_PLAIN, "%s", c->replay.loops.at[i].name);
-        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)d->ticks);
-        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)d->same);
-        print_cell(&table, PRINT_PLAIN, d->ticks ? "%.3g" : "-", d->sum / (double)d->ticks);
-        print_cell(&table, PRINT_PLAIN, "%.3g", d->worst);
-        print_cell(&table, PRINT_PLAIN, d->high > d->low ? "%.4f" : "-", 100 * d->worst / (d->high - d->low));
-        print_cell(&table, PRINT_PLAIN, "%.3f", d->at);
-    }
+    for (size_t i = 0; season && i < season->n_loops; i++)
+        put_output_difference(&table, season->loop[i].name, &season->loop[i].difference);
+    for (size_t i = 0; !season && i < c->replay.loops.n; i++)
+        put_output_difference(&table, c->replay.loops.at[i].name, &c->replay.difference[i]);
     return print_table_end(&table, c->talk, false, 0);
 }
 
@@ -190,23 +205,34 @@ static int close_csv(struct replay_command *c)
     return APC_ESYS;
 }
 
-/* After it has run: what came of it. */
-static int judge_replay(struct replay_command *c)
+static bool is_candidate(const struct replay_command *c)
 {
-    const bool other = c->options.overrides.law || c->options.set.n > 0;
-    int rc = print_differences(c);
+    return c->options.overrides.law || c->options.set.n > 0;
+}
+
+/* Within what --tolerance says? */
+static int judge_difference(const struct replay_command *c, const char *name,
+                            const struct replay_difference *d)
+{
+    if (c->options.tolerance < 0 || d->worst <= c->options.tolerance)
+        return 0;
+    cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g", name, d->worst, c->options.tolerance);
+    return APC_ESTATE;
+}
+
+/* After the run has been replayed: what came of it. */
+static int judge_folder(const struct replay_command *c)
+{
+    int rc = print_differences(c, NULL);
     if (rc < 0) {
         cli_error(&c->cli, rc, "out of memory");
         return rc;
     }
-    const bool exact = other || print_exactness(c);
-    for (size_t i = 0; i < c->replay.loops.n && c->options.tolerance >= 0; i++)
-        if (!(c->replay.difference[i].worst <= c->options.tolerance)) {
-            cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g", c->replay.loops.at[i].name,
-                      c->replay.difference[i].worst, c->options.tolerance);
-            return APC_ESTATE;
-        }
-    return exact || !c->store || c->options.tolerance >= 0 ? 0 : APC_ESTATE;
+    if (!is_candidate(c))
+        (void)print_exactness(c);
+    for (size_t i = 0; i < c->replay.loops.n && rc == 0; i++)
+        rc = judge_difference(c, c->replay.loops.at[i].name, &c->replay.difference[i]);
+    return rc;
 }
 
 static int replay_folder(struct replay_command *c, const struct replay_watch *watch)
@@ -215,7 +241,10 @@ static int replay_folder(struct replay_command *c, const struct replay_watch *wa
     int rc = replay_load(&c->replay, c->cli.args[0], &c->options.overrides, &why);
     if (rc < 0)
         return fail_replay(c, rc, &why);
-    if (ticks_of(c) == 0) {
+    size_t n = 0;
+    for (size_t i = 0; i < c->replay.e.n_controllers; i++)
+        n += c->replay.controller[i].ticks.n;
+    if (n == 0) {
         cli_error(&c->cli, APC_ENOTFOUND, "%s/" TICKS_FILE " holds no ticks", c->cli.args[0]);
         return APC_ENOTFOUND;
     }
@@ -228,36 +257,311 @@ static int replay_folder(struct replay_command *c, const struct replay_watch *wa
         return rc;
     rc = replay_run(&c->replay, watch);
     const int closed = close_csv(c);
-    return rc < 0 ? fail_replay(c, rc, &c->replay.why) : closed < 0 ? closed : judge_replay(c);
+    return rc < 0 ? fail_replay(c, rc, &c->replay.why) : closed < 0 ? closed : judge_folder(c);
 }
+
+/* ---- A season ------------------------------------------------------------------------------- */
 
 #define WINDOW (3600 * APC_NS_PER_S)
+#define JOBS   1000 /* of a source, or a few more: each leaves what came of it in memory until the end */
 
-static int take_first_tick(void *ctx, const struct apc_vector *tick)
+/* Windows of one source. */
+struct season_job {
+    size_t source;
+    apc_ns since, until;
+};
+
+/* What came of a job: figures of each controller, and behind them of each loop. */
+struct season_result {
+    bool done;
+    int rc;
+    struct apc_error why;
+    struct season_controller controller[];
+};
+
+struct season_work {
+    struct replay_command *c;
+    const struct replay_watch *watch;
+    struct season_job *job;
+    size_t n;
+    struct worker_pool *pool;
+    char *results;
+    size_t stride;
+    struct source *own; /* [c->n] as open in this process */
+};
+
+static struct season_result *season_result_of(const struct season_work *w, size_t job)
 {
-    *(apc_ns *)ctx = tick->time;
-    return 1;
+    return (struct season_result *)(void *)(w->results + job * w->stride);
 }
 
-/* Where its record begins: of the ticks that there are. */
-static int find_first_tick(struct replay_command *c, apc_ns *first)
+static struct season_loop *result_loops(struct season_result *result, const struct season *s)
 {
-    struct known_plant plant;
-    int rc = known_load(&plant, c->store);
-    *first = INT64_MAX;
-    for (size_t i = 0; i < plant.loops.n_controllers && rc >= 0; i++) {
-        apc_ns time = INT64_MAX;
-        rc = apc_store_vectors(c->store, APC_TICK, plant.loops.controller[i].number, &(struct apc_range){0},
-                               take_first_tick, &time);
-        *first = time < *first ? time : *first;
+    return (struct season_loop *)(void *)(result->controller + s->n_controllers);
+}
+
+static int open_source_store(const struct replay_command *c, struct source *s, struct apc_error *why)
+{
+    char path[600];
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = "apc", .timeout = c->cli.timeout};
+    if (!s->folder)
+        return store_open(&s->store, s->name, &options, why);
+    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, s->name);
+    return ticks_open(&s->store, path, why);
+}
+
+static int open_season(const struct season_work *w, struct source *s, struct replay_range range,
+                       struct apc_error *why)
+{
+    int rc = open_source_store(w->c, s, why);
+    if (rc < 0)
+        return rc;
+    range.store = s->store;
+    range.dir = s->folder ? s->name : NULL;
+    s->opened = true;
+    return season_open(&s->season, &range, w->watch, why);
+}
+
+static void close_source(struct source *s)
+{
+    if (s->opened)
+        season_close(&s->season);
+    s->opened = false;
+    apc_store_close(s->store);
+    s->store = NULL;
+}
+
+static void clear_figures(struct season *s)
+{
+    for (size_t i = 0; i < s->n_controllers; i++)
+        s->controller[i].figures = (struct replay_figures){.judged = 0};
+    for (size_t i = 0; i < s->n_loops; i++)
+        s->loop[i].difference = (struct replay_difference){.ticks = 0};
+}
+
+/* In one of the processes, each of which has stores of its own. */
+static void work_on_windows(void *ctx, unsigned number)
+{
+    const struct season_work *w = ctx;
+    const struct season_job *job = &w->job[number];
+    struct season_result *result = season_result_of(w, number);
+    struct source *own = &w->own[job->source];
+    struct replay_range range = w->c->source[job->source].season.of;
+    range.exact = true;
+    result->rc = own->opened ? 0 : open_season(w, own, range, &result->why);
+    struct season *s = &own->season;
+    if (result->rc == 0)
+        clear_figures(s);
+    for (apc_ns since = job->since, until; since < job->until && result->rc == 0; since = until) {
+        until = season_window(s, since);
+        result->rc = season_replay(s, since, until, &result->why);
     }
-    known_free(&plant);
-    return rc < 0 ? cli_store_error(&c->cli, rc, c->store), rc : 0;
+    if (result->rc == 0) {
+        memcpy(result->controller, s->controller, s->n_controllers * sizeof *s->controller);
+        memcpy(result_loops(result, s), s->loop, s->n_loops * sizeof *s->loop);
+    }
+    result->done = true;
+    atomic_fetch_add(&w->pool->done, 1);
 }
 
-static int replay_of_store(struct replay_command *c, const struct replay_watch *watch)
+/* Of as many windows each as leaves some JOBS of a source; they do not depend on the number of processes. */
+static int plan_jobs(struct season_work *w)
 {
-    struct replay_range range = {.until = apc_clock_utc(NULL),
+    for (size_t i = 0; i < w->c->n; i++) {
+        const struct season *s = &w->c->source[i].season;
+        const apc_ns share = (s->of.until - s->of.since) / JOBS;
+        const size_t size = sizeof(struct season_result) + s->n_controllers * sizeof *s->controller +
+                            s->n_loops * sizeof *s->loop;
+        w->stride = size > w->stride ? size : w->stride;
+        for (apc_ns since = s->of.since, until; since < s->of.until; since = until) {
+            for (until = season_window(s, since); until < s->of.until && until - since < share;)
+                until = season_window(s, until);
+            if (!apc_grow(&w->job, w->n + 1, sizeof *w->job))
+                return APC_ENOMEM;
+            w->job[w->n++] = (struct season_job){i, since, until};
+        }
+    }
+    w->stride = (w->stride + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
+    return 0;
+}
+
+static int do_season(struct season_work *w, struct apc_error *why)
+{
+    void *results = NULL;
+    w->pool = worker_pool_create(w->n * w->stride, &results);
+    w->own = calloc(w->c->n, sizeof *w->own);
+    if (!w->pool || !w->own)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < w->c->n; i++)
+        w->own[i] = (struct source){.name = w->c->source[i].name, .folder = w->c->source[i].folder};
+    w->results = results;
+    w->pool->jobs = w->pool->all = (unsigned)w->n;
+    w->pool->what = "parts";
+    if (w->c->csv)
+        for (unsigned i = 0; i < w->n; i++)
+            work_on_windows(w, i);
+    else if (worker_pool_run(w->pool, w->c->options.jobs, work_on_windows, w, why) < 0)
+        return APC_ESYS;
+    for (size_t i = 0; i < w->n; i++) {
+        struct season_result *result = season_result_of(w, i);
+        struct season *s = &w->c->source[w->job[i].source].season;
+        if (!result->done)
+            return apc_fail(why, APC_ESTATE, "it was ended before all of it was replayed");
+        if (result->rc < 0)
+            return *why = result->why, result->rc;
+        season_add(s, result->controller, result_loops(result, s));
+    }
+    return 0;
+}
+
+static void end_season(struct season_work *w)
+{
+    for (size_t i = 0; w->own && i < w->c->n; i++)
+        close_source(&w->own[i]);
+    free(w->own);
+    free(w->job);
+    worker_pool_destroy(w->pool, w->n * w->stride);
+}
+
+static void print_unreplayed(const struct replay_command *c, const char *name, const struct replay_figures *f)
+{
+    char time[APC_TIME_LEN];
+    if (f->begins)
+        fprintf(c->talk, "%s: what its tick at %s went on from is not on record\n", name,
+                apc_time_format(f->begins, time));
+    if (f->lost)
+        fprintf(c->talk, "%s: %llu ticks cannot be replayed: the record lacks rows. The first: %s\n", name,
+                (unsigned long long)f->lost, f->lacks);
+    if (f->others)
+        fprintf(c->talk,
+                "%s: %llu ticks are of another law, other settings or another model, and not replayed. The "
+                "first is at %s\n",
+                name, (unsigned long long)f->others, apc_time_format(f->other, time));
+}
+
+static void put_json(const struct source *source, struct text *t)
+{
+    const struct season *s = &source->season;
+    json_add(t, "{source:%s, since:%.6jd, until:%.6jd, controllers:[", source->name, (intmax_t)s->of.since,
+             (intmax_t)s->of.until);
+    for (size_t i = 0; i < s->n_controllers; i++) {
+        const struct replay_figures *f = &s->controller[i].figures;
+        json_add(t,
+                 "{controller:%s, ticks:%ju, same:%ju, after_restart:%ju, lacking:%ju, other_law:%ju, "
+                 "differs:{time:%.6jd, why:%-s}, lacks:{time:%.6jd, why:%-s}, other:%.6jd}",
+                 s->controller[i].name, (uintmax_t)f->judged, (uintmax_t)f->same, (uintmax_t)f->restarts,
+                 (uintmax_t)f->lost, (uintmax_t)f->others, (intmax_t)json_some(f->differs), f->first,
+                 (intmax_t)json_some(f->loses), f->lacks, (intmax_t)json_some(f->other));
+    }
+    json_add(t, "], outputs:[");
+    for (size_t i = 0; i < s->n_loops; i++) {
+        const struct replay_difference *d = &s->loop[i].difference;
+        json_add(t, "{output:%s, ticks:%ju, same:%ju, mean:%g, most:%g, span:%g}", s->loop[i].name,
+                 (uintmax_t)d->ticks, (uintmax_t)d->same, d->sum / (double)d->ticks, d->worst,
+                 d->high - d->low);
+    }
+    json_add(t, "]}");
+}
+
+/* Is each tick of it, as far as it could be replayed, the same? */
+static bool is_exact(const struct season *s)
+{
+    bool exact = true;
+    uint64_t same = 0;
+    for (size_t i = 0; i < s->n_controllers; i++) {
+        const struct replay_figures *f = &s->controller[i].figures;
+        exact = exact && !f->first[0] && f->others == 0;
+        same += f->same;
+    }
+    return exact && same > 0;
+}
+
+static int print_season(const struct replay_command *c, const struct source *source)
+{
+    const struct season *s = &source->season;
+    if (c->n > 1)
+        fprintf(c->talk, "%s%s\n", source == c->source ? "" : "\n", source->name);
+    const int rc = print_differences(c, s);
+    for (size_t i = 0; i < s->n_controllers && !is_candidate(c); i++) {
+        const struct replay_figures *f = &s->controller[i].figures;
+        if (f->judged > 0)
+            (void)print_same(c, s->controller[i].name, f);
+        print_unreplayed(c, s->controller[i].name, f);
+    }
+    for (size_t v = 0; v < s->n; v++)
+        if (!s->revision[v].usable)
+            fprintf(c->talk, "as it was described once it cannot be replayed: %s\n", s->revision[v].why.text);
+    return rc;
+}
+
+static int print_seasons(const struct replay_command *c)
+{
+    struct text json = {.at = NULL};
+    bool same = true;
+    int rc = 0;
+    for (size_t i = 0; i < c->n; i++)
+        same = same && is_exact(&c->source[i].season);
+    json_add(&json, "{same:%i, sources:[", same);
+    for (size_t i = 0; i < c->n && rc == 0; i++)
+        if (c->options.json)
+            put_json(&c->source[i], &json);
+        else
+            rc = print_season(c, &c->source[i]);
+    json_add(&json, "]}");
+    if (rc < 0 || json.failed)
+        cli_error(&c->cli, rc = APC_ENOMEM, "out of memory");
+    else if (c->options.json)
+        printf("%.*s\n", (int)json.n, json.at);
+    text_free(&json);
+    for (size_t i = 0; i < c->n && rc == 0; i++)
+        for (size_t k = 0; k < c->source[i].season.n_loops && rc == 0; k++)
+            rc = judge_difference(c, c->source[i].season.loop[k].name,
+                                  &c->source[i].season.loop[k].difference);
+    return rc < 0 || same || is_candidate(c) || c->options.tolerance >= 0 ? rc : APC_ESTATE;
+}
+
+/* How far each goes, before it is parted. The stores are closed again: a process has its own. */
+static int plan_season(struct season_work *w, const struct replay_range *range, struct apc_error *why)
+{
+    struct replay_command *c = w->c;
+    for (size_t i = 0; i < c->n; i++) {
+        struct source *s = &c->source[i];
+        const int rc = open_season(w, s, *range, why);
+        apc_store_close(s->store);
+        s->store = NULL;
+        if (rc < 0)
+            return rc;
+        if (s->season.of.since >= s->season.of.until)
+            return apc_fail(why, APC_ENOTFOUND, "no ticks are on record%s",
+                            c->options.since || c->options.until ? " in that time" : "");
+    }
+    return plan_jobs(w) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : 0;
+}
+
+static bool is_folder(const char *name)
+{
+    struct stat at;
+    return stat(name, &at) == 0 ? S_ISDIR(at.st_mode) : !strchr(name, ':');
+}
+
+static int make_sources(struct replay_command *c)
+{
+    c->n = c->cli.n_args > 0 ? (size_t)c->cli.n_args : 1;
+    c->source = calloc(c->n, sizeof *c->source);
+    if (!c->source)
+        return fail_replay(c, APC_ENOMEM, &(struct apc_error){"out of memory"});
+    for (size_t i = 0; i < c->n; i++) {
+        c->source[i].name = c->cli.n_args > 0 ? c->cli.args[i] : c->cli.store;
+        c->source[i].folder = c->cli.n_args > 0 && is_folder(c->cli.args[i]);
+    }
+    return 0;
+}
+
+static int replay_of_season(struct replay_command *c, const struct replay_watch *watch)
+{
+    struct season_work w = {.c = c, .watch = watch};
+    struct replay_range range = {.until = INT64_MAX,
                                  .window = WINDOW,
                                  .controller = c->options.controller,
                                  .overrides = &c->options.overrides};
@@ -265,43 +569,46 @@ static int replay_of_store(struct replay_command *c, const struct replay_watch *
     if (cli_time(&c->cli, "since", c->options.since, &range.since) != EXIT_OK ||
         cli_time(&c->cli, "until", c->options.until, &range.until) != EXIT_OK)
         exit(EXIT_USAGE);
-    int rc = cli_open(&c->cli, &c->store);
-    apc_ns first = 0;
-    if (rc == 0)
-        rc = find_first_tick(c, &first);
+    int rc = make_sources(c);
     if (rc == 0)
         rc = open_csv(c);
     if (rc < 0)
         return rc;
-    range.store = c->store;
-    range.since = first > range.since ? first : range.since;
-    rc = replay_store(&c->replay, &range, watch, &why);
+    rc = plan_season(&w, &range, &why);
+    if (rc == 0)
+        rc = do_season(&w, &why);
+    end_season(&w);
     const int closed = close_csv(c);
     if (rc < 0 || closed < 0)
         return rc < 0 ? fail_replay(c, rc, &why) : closed;
-    if (ticks_of(c) == 0) {
-        cli_error(&c->cli, APC_ENOTFOUND, "no ticks are on record%s",
-                  c->options.since || c->options.until ? " in that time" : "");
-        return APC_ENOTFOUND;
-    }
-    return judge_replay(c);
+    return print_seasons(c);
+}
+
+/* Not a run folder as a whole. */
+static bool is_season(const struct replay_command *c)
+{
+    const struct replay_options *o = &c->options;
+    return c->cli.n_args != 1 || !is_folder(c->cli.args[0]) || o->since || o->until || o->controller ||
+           o->json || o->jobs;
 }
 
 int command_replay(int argc, char **argv)
 {
     struct replay_command c = {.options = {.tolerance = -1}};
     const struct replay_watch watch = {.output = put_replayed_output, .notice = put_notice, .ctx = &c};
+    const struct replay_watch outputs = {.output = put_replayed_output, .ctx = &c};
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
     c.talk = c.options.csv && !strcmp(c.options.csv, "-") ? stderr : stdout;
     c.options.overrides.set = c.options.set.at;
     c.options.overrides.n_set = c.options.set.n;
-    if (c.cli.n_args > 0 && (c.cli.store_given || c.options.since || c.options.until || c.options.controller))
-        return cli_usage(&c.cli,
-                         "a run folder is replayed whole: --since, --until and --controller go with --store");
-    if (c.cli.n_args == 0 && c.options.virtually)
+    if (c.cli.n_args > 0 && c.cli.store_given)
+        return cli_usage(&c.cli, "runs and stores, %s, or --store: one of them", c.cli.args[0]);
+    if (is_season(&c) && c.options.virtually)
         return cli_usage(&c.cli, "--virtual: of a run folder");
-    int rc = c.cli.n_args > 0 ? replay_folder(&c, &watch) : replay_of_store(&c, &watch);
+    int rc = is_season(&c) ? replay_of_season(&c, &outputs) : replay_folder(&c, &watch);
     replay_free(&c.replay);
-    apc_store_close(c.store);
+    for (size_t i = 0; i < c.n; i++)
+        close_source(&c.source[i]);
+    free(c.source);
     return cli_done(&c.cli, exit_code_of(rc));
 }

@@ -75,6 +75,8 @@ told() {
   "$apc" set r 8 >/dev/null
   until_true 60 commands $((n + 5))
   "$apc" why u --json >now.json # while it runs
+  # Promise(simulation/replay-season)
+  expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay --store "$folder"
   # What was set before is shown, and then written again.
   # Promise(run/values-taken-again)
   "$apc" tune Kp=0.3 >/dev/null
@@ -165,8 +167,37 @@ sed 's/law = "pi"/law = "pid"/' fast.conf >other.conf
 cmp store.txt again.txt || fail "a move is not explained by the experiment of then: $(cat again.txt)"
 # Promise(simulation/replay-store)
 expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay --store "$database" --until "$utc"
-expect 1 'ticks are of another law, other settings or another model' "$apc" replay --store "$database"
 refused 1 'its law, its settings or its model are not those that ran' u --store "$database"
+# A season is of several laws, stores and runs; which process replays what makes no difference.
+# Promise(simulation/replay-season): Ticks of several stores and runs are replayed each by the law and the settings of then,
+#   with the same answer whatever processes share the work; what the record lacks is counted.
+APC_STORE=$database "$apc" run other.conf --duration 3 --no-ui --out other >other.log 2>&1 || fail "no run of another law: $(cat other.log)"
+then=$(date -u +%FT%T.%6NZ)
+for jobs in 1 3; do
+  "$apc" replay "$database" other "sqlite:$work/history.db" --until "$then" --json --jobs $jobs >season-$jobs.json ||
+    fail "stores and a run do not come out: $(cat season-$jobs.json)"
+done
+cmp season-1.json season-3.json || fail "with three processes it is another answer: $(cat season-1.json season-3.json)"
+python3 - <<'END' || fail "not all ticks: $(cat season-1.json)"
+import json
+season = json.load(open("season-1.json"))
+database, run, history = (source["controllers"][0] for source in season["sources"])
+assert season["same"] and run["ticks"] > 10 and history["ticks"] > 10 and database["ticks"] > run["ticks"] + 10, season
+for of in database, run, history:
+    assert of["same"] == of["ticks"] and of["lacking"] == of["other_law"] == 0 and of["differs"]["why"] is None, of
+END
+cp history.db former.db
+sqlite3 former.db "UPDATE catalogue SET text = replace(text, 'law = \"pi\"', 'law = \"pid\"')"
+expect 1 '^controller: ([0-9]+) ticks are of another law' "$apc" replay "sqlite:$work/former.db"
+for folder in packed pruned; do cp history.db $folder.db; done
+"$apc" maintain --store "sqlite:$work/packed.db" --pack 1s --keep-ticks 1d >/dev/null
+expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay "sqlite:$work/packed.db"
+"$apc" maintain --store "sqlite:$work/pruned.db" --keep 1s --keep-ticks 1d >/dev/null
+expect 0 'cannot be replayed: the record lacks rows. The first: .* seq [0-9]+ is not on record' "$apc" replay "sqlite:$work/pruned.db"
+expect 1 'altered.db$' "$apc" replay other "sqlite:$work/altered.db"
+expect 2 'one of them' "$apc" replay other --store "$database"
+expect 2 'goes without --jobs' "$apc" replay other --csv - --jobs 2
+expect 1 'nowhere: there is no such file or folder' "$apc" replay other nowhere
 
 # ---- The instant of a run in seconds since its start, for who asks after the folder of the run.
 # Promise(run/at-time-shows)

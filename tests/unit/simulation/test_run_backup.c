@@ -88,9 +88,9 @@ static void a_run_with_its_backup_law_is_replayed_bit_for_bit(void **state)
     if (replay_load(&replay, scratch_folder(), NULL, &why) < 0 ||
         replay_run(&replay, &(struct replay_watch){.ctx = NULL}) < 0)
         fail_msg("%s", why.text);
-    assert_string_equal(replay.controller->first, "");
+    assert_string_equal(replay.controller->figures.first, "");
     assert_int_equal(replay.controller->ticks.n, 300);
-    assert_int_equal(replay.controller->same, 300);
+    assert_int_equal(replay.controller->figures.same, 300);
     replay_free(&replay);
 }
 

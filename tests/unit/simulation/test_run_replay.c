@@ -79,8 +79,8 @@ static void assert_exact(const char *name)
     for (size_t i = 0; i < replay.e.n_controllers; i++) {
         const struct replay_controller *c = &replay.controller[i];
         assert_true(c->ticks.n > 30);
-        if (c->first[0] || c->same != c->ticks.n)
-            fail_msg("%s, %s: %s", name, c->of->name, c->first);
+        if (c->figures.first[0] || c->figures.same != c->ticks.n)
+            fail_msg("%s, %s: %s", name, c->of->name, c->figures.first);
     }
 }
 
@@ -181,18 +181,18 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
     base = replay.controller;
     base->ticks.value[base->ticks.at[100].first + x] += 1e-9;
     run();
-    assert_has(base->first, "tick 100 at 50.040 s: x was ");
-    assert_has(base->first, "from the same inputs");
-    assert_int_equal(base->same, base->ticks.n - 2); /* and the one that would have gone on from it */
-    assert_int_equal(replay.controller[1].same, replay.controller[1].ticks.n);
+    assert_has(base->figures.first, "tick 100 at 50.040 s: x was ");
+    assert_has(base->figures.first, "from the same inputs");
+    assert_int_equal(base->figures.same, base->ticks.n - 2); /* and the one that would have gone on from it */
+    assert_int_equal(replay.controller[1].figures.same, replay.controller[1].ticks.n);
     /* the same, and the record names another build */
     load();
     base = replay.controller;
     base->ticks.value[base->ticks.at[100].first + x] += 1e-9;
     snprintf(replay.other_build, sizeof replay.other_build, "the run was made by another CVODE");
     run();
-    assert_has(base->first, ": the run was made by another CVODE");
-    assert_null(strstr(base->first, "damaged"));
+    assert_has(base->figures.first, ": the run was made by another CVODE");
+    assert_null(strstr(base->figures.first, "damaged"));
     /* what a store without room has overwritten: the rest is compared all the same */
     load();
     base = replay.controller;
@@ -200,24 +200,24 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
     memmove(base->ticks.at, base->ticks.at + 100, base->ticks.n * sizeof *base->ticks.at);
     const size_t later = base->ticks.at[50].first + x;
     run();
-    assert_true(base->begins > 0 && base->begins == base->ticks.at[0].time);
-    assert_string_equal(base->first, "");
-    assert_int_equal(base->same, base->ticks.n - 1);
+    assert_true(base->figures.begins > 0 && base->figures.begins == base->ticks.at[0].time);
+    assert_string_equal(base->figures.first, "");
+    assert_int_equal(base->figures.same, base->ticks.n - 1);
     load();
     base = replay.controller;
     base->ticks.n -= 100;
     memmove(base->ticks.at, base->ticks.at + 100, base->ticks.n * sizeof *base->ticks.at);
     base->ticks.value[later] += 1e-9;
     run();
-    assert_has(base->first, "tick 150 at 75.040 s: x was ");
+    assert_has(base->figures.first, "tick 150 at 75.040 s: x was ");
     /* another law */
     load();
     base = replay.controller;
     for (size_t k = 0; k < base->ticks.n; k++)
         base->ticks.value[base->ticks.at[k].first + 1] += 1;
     run();
-    assert_has(base->first, "tick 0 at 0.040 s: mark was ");
-    assert_has(base->first, "not those that ran");
+    assert_has(base->figures.first, "tick 0 at 0.040 s: mark was ");
+    assert_has(base->figures.first, "not those that ran");
     /* a row that a tick names is gone */
     load();
     base = replay.controller;
@@ -226,8 +226,8 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
             replay.samples.at[i].seq = 9;
     base->ticks.value[base->ticks.at[0].first + tuning] += 1;
     run();
-    assert_has(base->first, "tick 0 at 0.040 s: tuning was ");
-    assert_has(base->first, "tuning.1 seq 1 is not on record");
+    assert_has(base->figures.first, "tick 0 at 0.040 s: tuning was ");
+    assert_has(base->figures.first, "tuning.1 seq 1 is not on record");
 }
 
 /* Promise(simulation/every-tick-every) */
@@ -242,12 +242,12 @@ static void in_virtual_time_the_first_tick_that_differs_is_named(void **state)
     struct replay_controller *upper = &replay.controller[1];
     upper->ticks.value[upper->ticks.at[7].first + 2] += 1; /* its index */
     assert_int_equal(replay_virtual(&replay), 0);
-    assert_has(upper->first, "a tick before it is not on record: it was missed");
-    assert_int_equal(upper->same, 7);
+    assert_has(upper->figures.first, "a tick before it is not on record: it was missed");
+    assert_int_equal(upper->figures.same, 7);
     make_run("two-layers", "", "loss=0.3", 0, 0); /* which the folder does not say */
     load();
     assert_int_equal(replay_virtual(&replay), 0);
-    assert_has(replay.controller->first, ": a measurement was ");
+    assert_has(replay.controller->figures.first, ": a measurement was ");
 }
 
 /* Promise(simulation/every-tick-every) */

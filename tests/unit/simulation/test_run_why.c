@@ -657,7 +657,7 @@ static void the_ticks_of_a_store_come_out_window_by_window(void **state)
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         struct experiment e;
         struct simulation s;
-        struct replay season;
+        struct season season;
         struct replay_range range = {.since = SIMULATION_BEGIN};
         load_experiment(&e, of[i].name, "");
         assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
@@ -666,21 +666,28 @@ static void the_ticks_of_a_store_come_out_window_by_window(void **state)
         range.store = s.store;
         range.until = range.since + (apc_ns)(of[i].duration * 1e9);
         assert_int_equal(apc_ns_from_s(of[i].window, &range.window), 0);
-        if (replay_store(&season, &range, &nobody, &why) < 0)
+        if (season_open(&season, &range, &nobody, &why) < 0)
             fail_msg("%s: %s", of[i].name, why.text);
+        for (apc_ns since = season.of.since, until; since < season.of.until; since = until) {
+            until = season_window(&season, since);
+            if (season_replay(&season, since, until, &why) < 0)
+                fail_msg("%s: %s", of[i].name, why.text);
+        }
+        assert_int_equal(season.n_controllers, e.n_controllers);
         for (size_t k = 0; k < e.n_controllers; k++) {
-            const struct replay_controller *c = &season.controller[k];
+            const struct replay_figures *c = &season.controller[k].figures;
             const double ticks = of[i].duration / apc_ns_to_s(e.controllers[k].rhythm.period);
-            if (c->first[0] || c->same != c->judged || c->restarts || c->others ||
+            assert_string_equal(season.controller[k].name, e.controllers[k].name);
+            if (c->first[0] || c->same != c->judged || c->restarts || c->others || c->lost ||
                 fabs((double)c->judged - ticks) > 1)
                 fail_msg("%s: %s: %llu of %llu (%g), %s", of[i].name, e.controllers[k].name,
                          (unsigned long long)c->same, (unsigned long long)c->judged, ticks, c->first);
         }
-        replay_free(&season);
+        season_close(&season);
         range.controller = "nobody";
-        assert_int_equal(replay_store(&season, &range, &nobody, &why), APC_ENOTFOUND);
+        assert_int_equal(season_open(&season, &range, &nobody, &why), APC_ENOTFOUND);
         assert_has(why.text, "there is no controller \"nobody\"");
-        replay_free(&season);
+        season_close(&season);
         simulation_destroy(&s);
         experiment_free(&e);
     }
