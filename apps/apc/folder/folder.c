@@ -423,11 +423,32 @@ static int collected(int rc, const struct apc_store *store, const char *what, st
     return rc;
 }
 
+/* A setpoint holds until somebody moves it: one of before is in force at the start. */
+static int collect_held_setpoints(struct samples *samples, struct apc_store *store,
+                                  const struct experiment *e, const struct apc_range *range, apc_ns start)
+{
+    const struct apc_range until = {.until = start + 1, .last = 1};
+    int rc = 0;
+    for (size_t k = 1; k <= e->dim.nz && rc == 0; k++) {
+        const size_t n = samples->n;
+        rc = samples_collect_one(samples, store, APC_SETPOINT, (int)k, &until);
+        if (samples->n > n && samples->at[n].time >= range->since)
+            samples->n = n; /* is among them */
+        else if (samples->n > n)
+            samples->at[n].time = start;
+    }
+    samples_sort(samples);
+    return rc;
+}
+
 static int export_samples(const char *dir, struct apc_store *store, const struct experiment *e,
                           const struct apc_range *range, apc_ns start, apc_ns *end, struct apc_error *why)
 {
     struct samples samples = {0};
-    int rc = collected(samples_collect(&samples, store, e, range), store, "samples", why);
+    int rc = samples_collect(&samples, store, e, range);
+    if (rc == 0)
+        rc = collect_held_setpoints(&samples, store, e, range, start);
+    rc = collected(rc, store, "samples", why);
     if (rc == 0)
         rc = put_samples_files(dir, "samples.csv", &samples, start, why);
     *end = samples.n > 0 ? samples.at[samples.n - 1].time - start : 0;

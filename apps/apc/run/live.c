@@ -172,7 +172,7 @@ static apc_ns overdue(const struct sight *sight, apc_ns period)
 }
 
 /* A value that belongs to an earlier run, or to none, shows as a dash. @period: in which the next one has to
- * come; 0: it may stay for ever. */
+ * come; 0: it holds until somebody moves it. */
 static void add_value(const struct view *l, struct line *line, const char *name, size_t i, apc_ns period)
 {
     const struct apc_sample *s = &l->samples[i];
@@ -180,7 +180,7 @@ static void add_value(const struct view *l, struct line *line, const char *name,
     const apc_ns age = period > 0 ? overdue(&l->sights[i], period) : 0;
     double size = s->value < 0 ? -s->value : s->value;
 
-    if (s->seq == 0 || s->time < l->start - APC_NS_PER_S)
+    if (s->seq == 0 || (period > 0 && s->time < l->start - APC_NS_PER_S))
         add_to_line(line, "  %.12s %7s", name, "-");
     else if (severity == APC_SEVERITY_BAD)
         add_to_line(line, "  %.12s %7s", name, "bad");

@@ -57,6 +57,15 @@ folder_is_whole "$work/again"
 awk -F, '$1 < 0 || $1 >= 8 {exit 1}' <(tail -n +2 "$work/again/samples.csv") || fail "a sample lies outside the run"
 awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples.csv"
 
+# a setpoint that nobody moves is on record, and has figures, though its value was there before the run
+sed 's/setpoints *= .*/setpoints = ( { name = "r"; unit = "1"; low = -100.0; high = 100.0; initial = 7.0; } );/; /^scheduler/,/^};/d; s/name = "fast"/name = "held"/' \
+  "$work/fast.conf" >"$work/held.conf"
+expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 3 --out "$work/held" --store "sqlite:$work/held.db"
+grep -q '^0.000000,setpoint,1,Good,7$' "$work/held/samples.csv" || fail "no setpoint is on record: $(head "$work/held/samples.csv")"
+"$apc" report "$work/held" --json | grep -q '"iae":[0-9]' || fail "it has no figures: $("$apc" report "$work/held" --json)"
+expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 3 --out "$work/held2" --store "sqlite:$work/held.db"
+[ "$(grep -c ',setpoint,1,' "$work/held2/samples.csv")" = 1 ] || fail "not one setpoint is on record"
+
 # without gnuplot all but the figure is there, and the run ends with a result of its own
 # Promise(run/run-simulation-test): A run, a simulation, a test whose figure cannot be drawn end with their own
 #   result, and say what is missing.
