@@ -127,7 +127,7 @@ static double take_number(struct expectation_text *t, const char *what, char uni
 /* s, min or h, by itself or right behind the number. */
 static apc_ns take_time(struct expectation_text *t)
 {
-    static const char wanted[] = "a time, as 10 s, 5 min or 2 h,";
+    static const char wanted[] = "a time, as 10 s, 5 min or 2 h";
     char unit[8] = "";
     apc_ns ns = 0;
     const size_t at = t->at;

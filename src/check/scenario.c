@@ -5,10 +5,12 @@
  */
 #include "check_internal.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "files/files.h"
 #include "files/settings.h"
@@ -327,7 +329,8 @@ static int change_experiment(struct scenario_reading *r, struct apc_error *why)
 }
 
 /* A path in a scenario means: from where the scenario is. */
-static void resolve_experiment(struct scenario_reading *r, const char *name, char path[EXPERIMENT_PATH])
+static void resolve_experiment(struct scenario_reading *r, const config_setting_t *at, const char *name,
+                               char path[EXPERIMENT_PATH])
 {
     const char *scenario = r->s.file, *slash = *name == '/' ? NULL : strrchr(scenario, '/');
     const int n =
@@ -337,6 +340,10 @@ static void resolve_experiment(struct scenario_reading *r, const char *name, cha
             apc_fail(r->s.why, APC_EINVAL,
                      "the path of experiment \"%.60s\" is longer than %d bytes: go to the scenario's folder",
                      name, EXPERIMENT_PATH - 1);
+    else if (access(path, F_OK) < 0 && errno == ENOENT)
+        settings_fail(&r->s, at,
+                      "there is no experiment %s: \"experiment\" is its path from the scenario's folder",
+                      path);
 }
 
 /* ---- Conditions ----------------------------------------------------------------------------- */
@@ -479,7 +486,7 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
     settings_known(&r->s, root, known);
     if (r->s.failed)
         return;
-    resolve_experiment(r, name, path);
+    resolve_experiment(r, config_setting_get_member(root, "experiment"), name, path);
     if (r->s.failed)
         return;
     if ((r->s.failed = experiment_load(&of->e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, r->s.why)) < 0)

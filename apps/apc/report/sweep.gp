@@ -12,7 +12,7 @@ do for [i = 1:loops] {
     set format '%.4g'
     set xtics round_up((high - low) / 6)
     set label 1 name[i].': '.figure[k] at graph 0, screen down(y - 11) noenhanced
-    if (now >= low && now <= high) { set arrow 1 from now, graph 0 to now, graph 1 nohead dt 3 lw 1 lc rgb 0x555555 }
+    if (exists("now") && now >= low && now <= high) { set arrow 1 from now, graph 0 to now, graph 1 nohead dt 3 lw 1 lc rgb 0x555555 }
     any = 0
     do for [row = 1:points] {
       eval sprintf("line = $loop%d[row]", i)

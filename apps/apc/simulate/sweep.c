@@ -223,8 +223,10 @@ static void put_sweep(FILE *script, void *ctx)
     const struct swept *z = ctx;
     fprintf(script, "loops = %zu\npoints = %u\nseveral = %d\narray name[loops]\n", rows_of(z), z->sweep->n,
             z->campaign->options->runs > 1);
-    fprintf(script, "low = %.12g\nhigh = %.12g\nnow = %.12g\n", fmin(z->sweep->from, z->sweep->to),
-            fmax(z->sweep->from, z->sweep->to), z->now);
+    fprintf(script, "low = %.12g\nhigh = %.12g\n", fmin(z->sweep->from, z->sweep->to),
+            fmax(z->sweep->from, z->sweep->to));
+    if (isfinite(z->now)) /* it is set */
+        fprintf(script, "now = %.12g\n", z->now);
     gnuplot_string(script, "path", z->sweep->path);
     for (size_t loop = 0; loop < rows_of(z); loop++) {
         gnuplot_text(script, "name", loop, z->campaign->loop[loop].name);

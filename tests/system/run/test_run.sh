@@ -60,7 +60,7 @@ awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples
 # a setpoint that nobody moves is on record, and has figures, though its value was there before the run
 sed 's/setpoints *= .*/setpoints = ( { name = "r"; unit = "1"; low = -100.0; high = 100.0; initial = 7.0; } );/; /^scheduler/,/^};/d; s/name = "fast"/name = "held"/' \
   "$work/fast.conf" >"$work/held.conf"
-expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 3 --out "$work/held" --store "sqlite:$work/held.db"
+expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 5 --out "$work/held" --store "sqlite:$work/held.db"
 grep -q '^0.000000,setpoint,1,Good,7$' "$work/held/samples.csv" || fail "no setpoint is on record: $(head "$work/held/samples.csv")"
 "$apc" report "$work/held" --json | grep -q '"iae":[0-9]' || fail "it has no figures: $("$apc" report "$work/held" --json)"
 expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 3 --out "$work/held2" --store "sqlite:$work/held.db"

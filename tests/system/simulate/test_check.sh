@@ -152,3 +152,7 @@ expect 2 '^apc check: wrong\.scenario:3: "never yy > 25": there is no signal "yy
 expect 2 'a share of 0\.95 cannot be shown .* by 58 runs.*: 59 are needed$' "$apc" check --runs 58 $scenarios/share.scenario
 expect 2 'pi has no parameter "Kd": did you mean "Kp"' "$apc" check $lost --set controller.Kd=1
 expect 2 'No such file' "$apc" check nothing.scenario
+sed 's/first-order/none/' wrong.scenario >lost.scenario
+expect 2 '^apc check: lost\.scenario:1: there is no experiment experiments/none\.conf' "$apc" check lost.scenario
+sed 's/never y > 25/within 10 parsec y > 25/' wrong.scenario >unit.scenario
+expect 2 'expected a time, as 10 s, 5 min or 2 h, not "10"$' "$apc" check unit.scenario

@@ -220,6 +220,7 @@ awk -F, -v mean="$mean" '$1 == 0.3 { same = $5 - mean < 1e-12 && mean - $5 < 1e-
 "$apc" simulate "$conf" "${sweep[@]}" --json --figure "$work/swept" 2>/dev/null >"$work/sweep.json"
 grep -q '"path":"controller.Kp","now":0.2' "$work/sweep.json" || fail "no JSON of a sweep"
 grep -q 'y: overshoot %' "$work/swept.svg" && [ -s "$work/swept.png" ] || fail "no figure of a sweep"
+expect 0 '^figure:' "$apc" simulate "$conf" --duration 20 --sweep outputs.u.rate=0.1..0.5:2 --figure "$work/unset" # the file says none
 expect 0 '^60 .* 1 +inf' "$apc" simulate "$work/rk4.conf" --duration 10000 --sweep plant.period=27..60:2 # it diverges: no error
 expect 1 'controller.law is text, "pi": only a number' "$apc" simulate "$conf" --sweep controller.law=1..2:2
 expect 1 'controller.Kp = 1000000000000: "Kp" is 1000000000000: must be from' "$apc" simulate "$conf" --sweep controller.Kp=0..1e12:2
