@@ -53,19 +53,9 @@ static void adiabatic_cstr_g(double t, const double *x, const double *u, const d
 }
 
 const struct apc_model apc_model_adiabatic_cstr = {
-    .abi = APC_MODEL_ABI,
     .name = "adiabatic-cstr",
     .description = "exothermic reaction in an adiabatic stirred tank",
-    .nx = 3,
-    .nu = 1,
-    .nd = 3,
-    .ny = 1,
-    .np = N_PARAM,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = adiabatic_cstr_f,
     .g = adiabatic_cstr_g,
 };

@@ -48,19 +48,9 @@ static void double_tank_g(double t, const double *x, const double *u, const doub
 }
 
 const struct apc_model apc_model_double_tank = {
-    .abi = APC_MODEL_ABI,
     .name = "double-tank",
     .description = "two tanks in series",
-    .nx = 2,
-    .nu = 1,
-    .nd = 1,
-    .ny = 2,
-    .np = 6,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = double_tank_f,
     .g = double_tank_g,
 };

@@ -27,17 +27,9 @@ static void first_order_g(double t, const double *x, const double *u, const doub
 }
 
 const struct apc_model apc_model_first_order = {
-    .abi = APC_MODEL_ABI,
     .name = "first-order",
     .description = "first-order plant of the paper",
-    .nx = 1,
-    .nu = 1,
-    .ny = 1,
-    .np = 2,
-    .param = param,
-    .state = state,
-    .input = input,
-    .output = output,
+    APC_MODEL_TABLES,
     .f = first_order_f,
     .g = first_order_g,
 };

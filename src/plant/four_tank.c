@@ -65,19 +65,9 @@ static void four_tank_g(double t, const double *x, const double *u, const double
 }
 
 const struct apc_model apc_model_four_tank = {
-    .abi = APC_MODEL_ABI,
     .name = "four-tank",
     .description = "modified four-tank system with disturbance flows",
-    .nx = 4,
-    .nu = 2,
-    .nd = 2,
-    .ny = 2,
-    .np = N_PARAM,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = four_tank_f,
     .g = four_tank_g,
 };

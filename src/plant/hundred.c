@@ -67,19 +67,9 @@ static void hundred_g(double t, const double *x, const double *u, const double *
 }
 
 const struct apc_model apc_model_hundred = {
-    .abi = APC_MODEL_ABI,
     .name = "hundred",
     .description = "a hundred first-order processes in ten areas",
-    .nx = AREAS * EACH,
-    .nu = AREAS * EACH,
-    .nd = AREAS,
-    .ny = AREAS * EACH,
-    .np = 2,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = hundred_f,
     .g = hundred_g,
 };

@@ -53,19 +53,9 @@ static void pendulum_g(double t, const double *x, const double *u, const double 
 }
 
 const struct apc_model apc_model_pendulum = {
-    .abi = APC_MODEL_ABI,
     .name = "pendulum",
     .description = "inverted pendulum on a cart",
-    .nx = 4,
-    .nu = 1,
-    .nd = 1,
-    .ny = 2,
-    .np = 6,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = pendulum_f,
     .g = pendulum_g,
 };

@@ -140,6 +140,14 @@ extern const struct apc_model apc_model_servo, apc_model_double_tank, apc_model_
     apc_model_quadruple_tank, apc_model_quadruple_tank_nonminimum, apc_model_four_tank,
     apc_model_van_de_vusse, apc_model_adiabatic_cstr, apc_model_temperature_lab, apc_model_hundred;
 
+/** Members of a built-in model: the tables of its file, which are called so, and how long they are. */
+#define APC_MODEL_TABLES                                                                                     \
+    .abi = APC_MODEL_ABI, .nx = APC_ENTRIES(state), .nu = APC_ENTRIES(input), .ny = APC_ENTRIES(output),     \
+    .np = APC_ENTRIES(param), .param = param, .state = state, .input = input, .output = output
+/** The same of one that has disturbances. */
+#define APC_MODEL_DISTURBED APC_MODEL_TABLES, .nd = APC_ENTRIES(disturbance), .disturbance = disturbance
+#define APC_ENTRIES(table)  (sizeof(table) / sizeof *(table))
+
 #define APC_KELVIN 273.15 /* 0 degC */
 
 /** Flow out of a hole of @p area under a level @p h: Torricelli. An empty tank gives nothing. */

@@ -34,19 +34,9 @@ static void servo_g(double t, const double *x, const double *u, const double *p,
 }
 
 const struct apc_model apc_model_servo = {
-    .abi = APC_MODEL_ABI,
     .name = "servo",
     .description = "servo motor, TrueTime's example",
-    .nx = 2,
-    .nu = 1,
-    .nd = 1,
-    .ny = 1,
-    .np = 2,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = servo_f,
     .g = servo_g,
 };

@@ -53,19 +53,9 @@ static void temperature_lab_g(double t, const double *x, const double *u, const 
 }
 
 const struct apc_model apc_model_temperature_lab = {
-    .abi = APC_MODEL_ABI,
     .name = "temperature-lab",
     .description = "temperature control lab: two heaters",
-    .nx = 4,
-    .nu = 2,
-    .nd = 1,
-    .ny = 2,
-    .np = N_PARAM,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = temperature_lab_f,
     .g = temperature_lab_g,
 };

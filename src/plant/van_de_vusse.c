@@ -80,19 +80,9 @@ static void van_de_vusse_g(double t, const double *x, const double *u, const dou
 }
 
 const struct apc_model apc_model_van_de_vusse = {
-    .abi = APC_MODEL_ABI,
     .name = "van-de-vusse",
     .description = "Van de Vusse's reactions in a cooled stirred tank",
-    .nx = 4,
-    .nu = 2,
-    .nd = 2,
-    .ny = 2,
-    .np = N_PARAM,
-    .param = param,
-    .state = state,
-    .input = input,
-    .disturbance = disturbance,
-    .output = output,
+    APC_MODEL_DISTURBED,
     .f = van_de_vusse_f,
     .g = van_de_vusse_g,
 };
