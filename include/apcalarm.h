@@ -194,7 +194,7 @@ APC_API void apc_alarms_resume(struct apc_alarms *alarms);
 
 /**
  * Judge apc_alarms_in() and fill apc_alarms_out(). While what the last one made is not stored it does
- * nothing. The notice tells of a wish that is refused; others wait for the next tick then. Returns how many
+ * nothing. The notice tells of a request that is refused; others wait for the next tick then. Returns how many
  * transitions there are. [tick]
  */
 APC_API int apc_alarms_compute(struct apc_alarms *alarms, struct apc_now now, struct apc_notice *notice);

@@ -79,27 +79,27 @@ void apc_alarm_summary_at(const struct apc_alarm_summary *board, struct apc_stor
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
-static int record(const struct apc_demand *d, const struct apc_sample *wish, struct apc_store *store,
+static int record(const struct apc_demand *d, const struct apc_sample *request, struct apc_store *store,
                   const char *author, const char *comment, struct apc_error *why)
 {
     struct apc_event event = {.time = d->time, .severity = APC_EVENT_INFO, .kind = "operator"};
     int rc;
 
     snprintf(event.source, sizeof event.source, "%.31s", author);
-    alarm_summary_words(d->name, wish, comment, event.text, sizeof event.text);
+    alarm_summary_words(d->name, request, comment, event.text, sizeof event.text);
     rc = apc_store_append_events(store, &event, 1);
     return rc < 0 ? failed(store, rc, why) : 0;
 }
 
 /* Of two who want something of one alarm at once the other one is told. */
-static int swap(struct apc_sample *wish, struct apc_store *store, struct apc_error *why)
+static int swap(struct apc_sample *request, struct apc_store *store, struct apc_error *why)
 {
     char name[APC_AUTHOR_LEN];
-    const int rc = apc_store_swap(store, wish, 1);
+    const int rc = apc_store_swap(store, request, 1);
 
     if (rc != APC_ECONFLICT)
         return rc < 0 ? failed(store, rc, why) : 0;
-    if (wish->author == 0 || apc_store_author_name(store, wish->author, name) < 0)
+    if (request->author == 0 || apc_store_author_name(store, request->author, name) < 0)
         snprintf(name, sizeof name, "somebody else");
     return apc_fail(why, rc, "%s was faster: look again", name);
 }
@@ -109,7 +109,7 @@ int apc_alarm_summary_want(const struct apc_alarm_summary *board, struct apc_sto
                            struct apc_error *why)
 {
     const struct alarm_now *const now = alarm_summary_find(&board->alarms, d->name);
-    struct apc_sample wish;
+    struct apc_sample request;
     int rc;
 
     d->time = apc_clock_utc(NULL);
@@ -117,26 +117,26 @@ int apc_alarm_summary_want(const struct apc_alarm_summary *board, struct apc_sto
     if (!now)
         return apc_fail(why, APC_ENOTFOUND, "there is no alarm \"%s\"", d->name);
     if (!alarm_summary_want(&board->alarms, now, store, (enum apc_alarm_switch)d->which, d->value, d->time,
-                            &wish, why))
+                            &request, why))
         return APC_EPERM;
     if (d->which == APC_ALARM_ACK && d->value > 0)
-        wish.value = d->value;
-    d->value = wish.value;
+        request.value = d->value;
+    d->value = request.value;
     if ((rc = apc_store_author(store, author)) < 0)
         return failed(store, rc, why);
-    wish.author = (uint32_t)rc;
-    if ((rc = swap(&wish, store, why)) < 0)
+    request.author = (uint32_t)rc;
+    if ((rc = swap(&request, store, why)) < 0)
         return rc;
-    d->seq = wish.seq;
-    d->id = wish.id;
-    return record(d, &wish, store, author, comment, why);
+    d->seq = request.seq;
+    d->id = request.id;
+    return record(d, &request, store, author, comment, why);
 }
 
 int apc_alarm_summary_fate(struct apc_alarm_summary *board, struct apc_store *store, struct apc_demand *d,
                            struct apc_error *why)
 {
     const struct alarm_now *now;
-    const struct apc_sample wish = {
+    const struct apc_sample request = {
         .table = APC_OPMODE, .id = d->id, .seq = d->seq, .time = d->time, .value = d->value};
     const int rc = apc_alarm_summary_read(board, store, why);
     enum outcome fate;
@@ -145,9 +145,9 @@ int apc_alarm_summary_fate(struct apc_alarm_summary *board, struct apc_store *st
         return rc;
     if (!(now = alarm_summary_find(&board->alarms, d->name)))
         return OUTCOME_SUPERSEDED;
-    fate = alarm_summary_outcome(&board->alarms, now, &wish, apc_clock_utc(NULL));
+    fate = alarm_summary_outcome(&board->alarms, now, &request, apc_clock_utc(NULL));
     d->text[0] = '\0';
     if (fate == OUTCOME_REFUSED)
-        (void)alarm_summary_refusal(&board->alarms, now, &wish, store, d->text, sizeof d->text);
+        (void)alarm_summary_refusal(&board->alarms, now, &request, store, d->text, sizeof d->text);
     return (int)fate;
 }

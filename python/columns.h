@@ -49,39 +49,45 @@ int apc_arrow_export(void *list, const struct apc_arrow_column *column, size_t n
                      void *owner);
 
 /* A value that an operator writes, on its way, as operate/operate.h has it. One thread at a time. */
-struct apc_wish;
-struct apc_wish *apc_wish_new(void); /* NULL: out of memory */
-void apc_wish_free(struct apc_wish *wish);
-/* What a wish is of; APC_WISH_MODE goes with no other. */
-enum apc_wish_kind { APC_WISH_SETPOINT = 1, APC_WISH_OUTPUT = 2, APC_WISH_TUNING = 4, APC_WISH_MODE = 8 };
+struct apc_operation;
+struct apc_operation *apc_operation_new(void); /* NULL: out of memory */
+void apc_operation_free(struct apc_operation *operation);
+/* What it is of; APC_OPERATION_MODE goes with no other. */
+enum apc_operation_kind {
+    APC_OPERATION_SETPOINT = 1,
+    APC_OPERATION_OUTPUT = 2,
+    APC_OPERATION_TUNING = 4,
+    APC_OPERATION_MODE = 8
+};
 /* Find what is called @p name and of one of @p kinds, and who takes it. Returns 0, APC_ENOTFOUND, APC_ERANGE:
  * outside its limits, APC_EINVAL: no number, APC_EPERM: nobody takes it, or an error of the store. @p stop: its
  * ramp is to end, and @p value says nothing. */
-int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, int kinds, double value,
-                  bool stop, struct apc_error *why);
+int apc_operation_find(struct apc_operation *operation, struct apc_store *store, const char *name, int kinds,
+                       double value, bool stop, struct apc_error *why);
 /* It is to go there on a ramp, in so many s. Returns 0 or APC_ERANGE. */
-int apc_wish_over(struct apc_wish *wish, double over, struct apc_error *why);
+int apc_operation_over(struct apc_operation *operation, double over, struct apc_error *why);
 /* Does its controller tick? 1, 0: it may still, APC_EPERM: it does not, or an error of the store. */
-int apc_wish_ready(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
+int apc_operation_ready(struct apc_operation *operation, struct apc_store *store, struct apc_error *why);
 /* Write it, and what hangs on it, with the event. Returns 0, APC_EPERM: so great a step has to be @p confirmed,
  * or an error of the store. */
-int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *author, bool confirmed,
-                   struct apc_error *why);
+int apc_operation_write(struct apc_operation *operation, struct apc_store *store, const char *author,
+                        bool confirmed, struct apc_error *why);
 /* 1: it is in force; 0: not yet, after at most @p timeout; or what else became of it, in words. */
-int apc_wish_poll(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
+int apc_operation_poll(struct apc_operation *operation, struct apc_store *store, int64_t timeout,
+                       struct apc_error *why);
 /* Instead of one value: what was set as of @p at, UTC, as `apc set --from`, of those called so; none: of all. Returns how
- * many values differ, or an error as of apc_wish_find(). */
-int apc_wish_retake(struct apc_wish *wish, struct apc_store *store, int64_t at, const char *const *name,
-                    size_t n, struct apc_error *why);
+ * many values differ, or an error as of apc_operation_find(). */
+int apc_operation_retake(struct apc_operation *operation, struct apc_store *store, int64_t at,
+                         const char *const *name, size_t n, struct apc_error *why);
 /* Of change @p i of these: its value now, NAN: there is none, and then. Returns what it is called. */
-const char *apc_wish_change(const struct apc_wish *wish, int i, double *now, double *then);
-double apc_wish_force(const struct apc_wish *wish); /* what is in force */
-int64_t apc_wish_time(const struct apc_wish *wish); /* of its row */
+const char *apc_operation_change(const struct apc_operation *operation, int i, double *now, double *then);
+double apc_operation_force(const struct apc_operation *operation); /* what is in force */
+int64_t apc_operation_time(const struct apc_operation *operation); /* of its row */
 /* Enter something in the log book, as `apc log`. Returns 1, 0: it is there already, or an error. */
-int apc_log_enter(struct apc_store *store, const char *author, const char *signal, const char *entry, bool signs,
-                  struct apc_error *why);
+int apc_log_enter(struct apc_store *store, const char *author, const char *signal, const char *entry,
+                  bool signs, struct apc_error *why);
 /* Say that the role of @p user is too low, and which it takes. Returns APC_EPERM. */
-int apc_wish_role(const char *user, const char *role, const char *wanted, struct apc_error *why);
+int apc_operation_role(const char *user, const char *role, const char *wanted, struct apc_error *why);
 
 /* The alarms of a store. One thread at a time. */
 struct apc_alarm_summary;

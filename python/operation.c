@@ -9,7 +9,7 @@
 #include "experiment/experiment.h"
 #include "operate/operate.h"
 
-struct apc_wish {
+struct apc_operation {
     struct known_plant plant;
     struct change change;
     struct operation operation;
@@ -28,27 +28,29 @@ static int said(const struct change_fault *fault, struct apc_error *why)
     return apc_fail(why, fault->err, "%s", fault->text);
 }
 
-struct apc_wish *apc_wish_new(void)
+struct apc_operation *apc_operation_new(void)
 {
-    return calloc(1, sizeof(struct apc_wish));
+    return calloc(1, sizeof(struct apc_operation));
 }
 
-void apc_wish_free(struct apc_wish *wish)
+void apc_operation_free(struct apc_operation *operation)
 {
-    if (!wish)
+    if (!operation)
         return;
-    operation_end(&wish->operation);
-    free(wish->retaken);
-    known_free(&wish->plant);
-    free(wish);
+    operation_end(&operation->operation);
+    free(operation->retaken);
+    known_free(&operation->plant);
+    free(operation);
 }
 
-_Static_assert((int)APC_WISH_SETPOINT == (int)CHANGE_SETPOINT && (int)APC_WISH_OUTPUT == (int)CHANGE_OUTPUT &&
-                   (int)APC_WISH_TUNING == (int)CHANGE_TUNING && (int)APC_WISH_MODE == (int)CHANGE_MODE,
+_Static_assert((int)APC_OPERATION_SETPOINT == (int)CHANGE_SETPOINT &&
+                   (int)APC_OPERATION_OUTPUT == (int)CHANGE_OUTPUT &&
+                   (int)APC_OPERATION_TUNING == (int)CHANGE_TUNING &&
+                   (int)APC_OPERATION_MODE == (int)CHANGE_MODE,
                "kinds have the same numbers");
 
-int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name, int kinds, double value,
-                  bool stop, struct apc_error *why)
+int apc_operation_find(struct apc_operation *w, struct apc_store *store, const char *name, int kinds,
+                       double value, bool stop, struct apc_error *why)
 {
     const struct plant_view *const plant = &w->plant.view;
     struct change_target to;
@@ -73,7 +75,7 @@ int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name,
     return rc < 0 ? said(&fault, why) : 0;
 }
 
-int apc_wish_over(struct apc_wish *w, double over, struct apc_error *why)
+int apc_operation_over(struct apc_operation *w, double over, struct apc_error *why)
 {
     struct change_fault fault;
 
@@ -81,7 +83,7 @@ int apc_wish_over(struct apc_wish *w, double over, struct apc_error *why)
     return change_over(over, &fault) < 0 ? said(&fault, why) : 0;
 }
 
-int apc_wish_ready(struct apc_wish *w, struct apc_store *store, struct apc_error *why)
+int apc_operation_ready(struct apc_operation *w, struct apc_store *store, struct apc_error *why)
 {
     struct change_fault fault;
     const int rc = operation_ready(&w->operation, store, &fault);
@@ -89,8 +91,8 @@ int apc_wish_ready(struct apc_wish *w, struct apc_store *store, struct apc_error
     return rc < 0 ? said(&fault, why) : rc;
 }
 
-int apc_wish_write(struct apc_wish *w, struct apc_store *store, const char *author, bool confirmed,
-                   struct apc_error *why)
+int apc_operation_write(struct apc_operation *w, struct apc_store *store, const char *author, bool confirmed,
+                        struct apc_error *why)
 {
     struct change_fault fault;
     int rc = operation_read(&w->operation, store);
@@ -103,7 +105,8 @@ int apc_wish_write(struct apc_wish *w, struct apc_store *store, const char *auth
     return rc < 0 ? said(&fault, why) : 0;
 }
 
-int apc_wish_poll(struct apc_wish *w, struct apc_store *store, int64_t timeout, struct apc_error *why)
+int apc_operation_poll(struct apc_operation *w, struct apc_store *store, int64_t timeout,
+                       struct apc_error *why)
 {
     struct change_fault fault;
     char text[192];
@@ -118,8 +121,8 @@ int apc_wish_poll(struct apc_wish *w, struct apc_store *store, int64_t timeout, 
     return rc < 0 ? failed(store, rc, why) : rc;
 }
 
-int apc_wish_retake(struct apc_wish *w, struct apc_store *store, int64_t at, const char *const *name,
-                    size_t n, struct apc_error *why)
+int apc_operation_retake(struct apc_operation *w, struct apc_store *store, int64_t at,
+                         const char *const *name, size_t n, struct apc_error *why)
 {
     struct retake of = {.name = name, .n_names = n};
     struct change_fault fault;
@@ -143,7 +146,7 @@ int apc_wish_retake(struct apc_wish *w, struct apc_store *store, int64_t at, con
     return rc < 0 ? rc : (int)w->operation.n;
 }
 
-const char *apc_wish_change(const struct apc_wish *w, int i, double *now, double *then)
+const char *apc_operation_change(const struct apc_operation *w, int i, double *now, double *then)
 {
     const struct change *c = &w->operation.change[i];
 
@@ -152,12 +155,12 @@ const char *apc_wish_change(const struct apc_wish *w, int i, double *now, double
     return c->to.name;
 }
 
-double apc_wish_force(const struct apc_wish *w)
+double apc_operation_force(const struct apc_operation *w)
 {
     return w->change.actual.value;
 }
 
-int64_t apc_wish_time(const struct apc_wish *w)
+int64_t apc_operation_time(const struct apc_operation *w)
 {
     return w->operation.time;
 }
@@ -180,7 +183,7 @@ int apc_log_enter(struct apc_store *store, const char *author, const char *signa
     return rc;
 }
 
-int apc_wish_role(const char *user, const char *role, const char *wanted, struct apc_error *why)
+int apc_operation_role(const char *user, const char *role, const char *wanted, struct apc_error *why)
 {
     struct change_fault fault;
 

@@ -50,7 +50,7 @@ static void report_alarms_store(struct shell *s, int rc)
 }
 
 /* Numbers of authors are each database user's own: the same name under ours. Where it cannot be had, the row
- * of the wish says it. */
+ * of the request says it. */
 static int name_alarm_authors(struct shell *s)
 {
     struct apc_rows *out = apc_alarms_out(s->core);

@@ -91,7 +91,7 @@ static double quantile(const struct apc_distribution *d, double share)
     return high;
 }
 
-/* ---- Courses --------------------------------------------------------------------------------- */
+/* ---- Trajectories ---------------------------------------------------------------------------- */
 
 struct schedules {
     const struct experiment *e;

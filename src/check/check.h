@@ -9,7 +9,7 @@
 
 #include "experiment/experiment.h"
 
-/* ---- Courses -------------------------------------------------------------------------------- */
+/* ---- Trajectories --------------------------------------------------------------------------- */
 
 /* What a trajectory is of: a variable of the record, or of the plant itself, which nobody has of a real one. */
 struct check_source {

@@ -223,18 +223,18 @@ static int do_ack(struct apc_store *store, const struct apc_tag *alarm, const st
                   apc_ns now, const char *source)
 {
     struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
-    struct apc_sample seen = {.table = APC_ALARM, .id = action->alarm}, wish = action->to;
+    struct apc_sample seen = {.table = APC_ALARM, .id = action->alarm}, request = action->to;
     const int author = apc_store_author(store, source);
     int rc = author < 0 ? author : apc_store_read(store, &seen, 1);
     const enum apc_alarm_state state = seen.seq > 0 ? (enum apc_alarm_state)seen.value : APC_ALARM_NORMAL;
     const bool is = apc_alarm_is_unacked(state) || apc_alarm_is_latched(state);
     if (rc < 0)
         return rc;
-    wish.value = (double)seen.seq;
-    wish.time = now;
-    wish.seq = APC_SEQ_ANY;
-    wish.author = (uint32_t)author;
-    rc = is ? apc_store_put(store, &wish, 1) : 0;
+    request.value = (double)seen.seq;
+    request.time = now;
+    request.seq = APC_SEQ_ANY;
+    request.author = (uint32_t)author;
+    rc = is ? apc_store_put(store, &request, 1) : 0;
     snprintf(event.source, sizeof event.source, "%s", source);
     snprintf(event.text, sizeof event.text, "%.64s: %s", alarm ? alarm->name : "",
              is ? "acknowledged" : "there is nothing to acknowledge");

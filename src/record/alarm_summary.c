@@ -36,7 +36,7 @@ static int make_alarm_summary(struct alarm_summary *b, struct apc_error *why)
         *sample++ = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
         for (int k = 0; k < 3; k++) {
             const int id = apc_alarm_switch_id((enum apc_alarm_switch)(APC_ALARM_ACK + k), (int)i + 1);
-            b->at[i].wish[k] = sample;
+            b->at[i].request[k] = sample;
             *sample++ = (struct apc_sample){.table = APC_OPMODE, .id = id};
             b->at[i].actual[k] = sample;
             *sample++ = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, id)};
@@ -110,7 +110,7 @@ enum apc_alarm_state alarm_summary_state(const struct alarm_now *now)
 
 apc_ns alarm_summary_shelved(const struct alarm_now *now)
 {
-    const struct apc_sample *actual = now->actual[ALARM_WISH(APC_ALARM_SHELF)];
+    const struct apc_sample *actual = now->actual[ALARM_SWITCH(APC_ALARM_SHELF)];
     apc_ns until = 0;
     return actual->seq > 0 && apc_ns_from_s(fabs(actual->value), &until) == 0 ? until : 0;
 }
@@ -221,8 +221,8 @@ bool alarm_summary_lives(const struct alarm_summary *b, apc_ns utc)
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
 /* As it stands that makes no sense. */
-static bool refuse_alarm_wish(const struct alarm_summary *b, const struct alarm_now *now, const char *reason,
-                              struct apc_error *why)
+static bool refuse_alarm_request(const struct alarm_summary *b, const struct alarm_now *now,
+                                 const char *reason, struct apc_error *why)
 {
     apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm_summary_alarm(b, now)->name, reason,
              apc_alarm_state_name(alarm_summary_state(now)));
@@ -232,12 +232,12 @@ static bool refuse_alarm_wish(const struct alarm_summary *b, const struct alarm_
 static bool may_ack(const struct alarm_summary *b, const struct alarm_now *now, struct apc_store *store,
                     struct apc_error *why)
 {
-    const struct apc_sample *ack = now->wish[ALARM_WISH(APC_ALARM_ACK)],
-                            *actual = now->actual[ALARM_WISH(APC_ALARM_ACK)];
+    const struct apc_sample *ack = now->request[ALARM_SWITCH(APC_ALARM_ACK)],
+                            *actual = now->actual[ALARM_SWITCH(APC_ALARM_ACK)];
     const enum apc_alarm_state state = alarm_summary_state(now);
     char name[APC_AUTHOR_LEN];
     if (!apc_alarm_is_unacked(state) && !apc_alarm_is_latched(state))
-        return refuse_alarm_wish(b, now, "there is nothing to acknowledge", why);
+        return refuse_alarm_request(b, now, "there is nothing to acknowledge", why);
     if (ack->seq <= actual->origin || ack->value < (double)now->row->seq)
         return true;
     /* its evaluation has not come to that, so its state is the one before */
@@ -268,47 +268,47 @@ bool alarm_summary_may_shelve(const struct alarm_summary *b, const struct alarm_
 }
 
 bool alarm_summary_want(const struct alarm_summary *b, const struct alarm_now *now, struct apc_store *store,
-                        enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *wish,
+                        enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *request,
                         struct apc_error *why)
 {
     const bool on = value < 0 || value > 0;
-    *wish = *now->wish[ALARM_WISH(which)];
-    wish->time = utc;
-    wish->status = APC_GOOD;
-    wish->value = which == APC_ALARM_ACK ? (double)now->row->seq : value;
+    *request = *now->request[ALARM_SWITCH(which)];
+    request->time = utc;
+    request->status = APC_GOOD;
+    request->value = which == APC_ALARM_ACK ? (double)now->row->seq : value;
     if (which == APC_ALARM_ACK)
         return may_ack(b, now, store, why);
     if (which == APC_ALARM_SHELF && on)
         return alarm_summary_may_shelve(b, now, value, utc, why);
     if (which == APC_ALARM_SHELF && alarm_summary_shelved(now) == 0)
-        return refuse_alarm_wish(b, now, "it is not shelved", why);
+        return refuse_alarm_request(b, now, "it is not shelved", why);
     return true;
 }
 
 enum outcome alarm_summary_outcome(const struct alarm_summary *b, const struct alarm_now *now,
-                                   const struct apc_sample *wish, apc_ns utc)
+                                   const struct apc_sample *request, apc_ns utc)
 {
     struct outcome_seen seen = seen_of_alarm(b, utc);
-    const int which = (wish->id / 65536) - APC_ALARM_ACK;
-    seen.write = wish;
+    const int which = (request->id / 65536) - APC_ALARM_ACK;
+    seen.write = request;
     seen.actual = now->actual[which];
     return outcome_of(&seen);
 }
 
-void alarm_summary_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
+void alarm_summary_words(const char *name, const struct apc_sample *request, const char *reason, char *text,
                          size_t size)
 {
     static const char *const done[][2] = {{"acknowledged", "acknowledged"},
                                           {"not shelved any more", "shelved until"},
                                           {"in service", "out of service"}};
-    const int which = ALARM_WISH(wish->id / 65536);
-    const bool on = wish->value < 0 || wish->value > 0;
+    const int which = ALARM_SWITCH(request->id / 65536);
+    const bool on = request->value < 0 || request->value > 0;
     char until[APC_TIME_LEN] = "";
     apc_ns ns;
-    if (which == ALARM_WISH(APC_ALARM_SHELF) && on && apc_ns_from_s(fabs(wish->value), &ns) == 0)
+    if (which == ALARM_SWITCH(APC_ALARM_SHELF) && on && apc_ns_from_s(fabs(request->value), &ns) == 0)
         apc_time_format(ns, until);
     snprintf(text, size, "%s: %s%s%.19s%s%s%s%s%s", name, done[which][on], *until ? " " : "", until,
-             *until ? "Z" : "", wish->value < 0 ? ", once" : "", reason && *reason ? " (" : "",
+             *until ? "Z" : "", request->value < 0 ? ", once" : "", reason && *reason ? " (" : "",
              reason ? reason : "", reason && *reason ? ")" : "");
 }
 
@@ -332,12 +332,12 @@ static int take_alarm_outcome(void *ctx, const struct apc_event *event)
 }
 
 bool alarm_summary_refusal(const struct alarm_summary *b, const struct alarm_now *now,
-                           const struct apc_sample *wish, struct apc_store *store, char *text, size_t size)
+                           const struct apc_sample *request, struct apc_store *store, char *text, size_t size)
 {
-    const struct apc_sample *actual = now->actual[ALARM_WISH(wish->id / 65536)];
+    const struct apc_sample *actual = now->actual[ALARM_SWITCH(request->id / 65536)];
     const struct apc_range since = {.since = actual->time};
     struct refusal r = {.name = alarm_summary_alarm(b, now)->name, .text = text, .size = size};
     text[0] = '\0';
-    return actual->origin == wish->seq && apc_store_events(store, &since, take_alarm_outcome, &r) >= 0 &&
+    return actual->origin == request->seq && apc_store_events(store, &since, take_alarm_outcome, &r) >= 0 &&
            text[0];
 }

@@ -399,11 +399,11 @@ struct alarm_raised {
 
 /* Of one alarm: its newest row; the newest of each switch, and what became of that. */
 struct alarm_now {
-    struct apc_sample *row, *wish[3], *actual[3]; /* wish: ALARM_WISH() */
-    struct alarm_raised raised;                   /* alarm_summary_mark(): this and the next */
+    struct apc_sample *row, *request[3], *actual[3]; /* request: ALARM_SWITCH() */
+    struct alarm_raised raised;                      /* alarm_summary_mark(): this and the next */
     bool first_out;
 };
-#define ALARM_WISH(which) ((which)-APC_ALARM_ACK)
+#define ALARM_SWITCH(which) ((which)-APC_ALARM_ACK)
 
 struct alarm_summary {
     struct experiment e;  /* as the store describes it */
@@ -456,16 +456,17 @@ bool alarm_summary_may_shelve(const struct alarm_summary *summary, const struct 
  */
 bool alarm_summary_want(const struct alarm_summary *summary, const struct alarm_now *now,
                         struct apc_store *store, enum apc_alarm_switch which, double value, apc_ns utc,
-                        struct apc_sample *wish, struct apc_error *why);
+                        struct apc_sample *request, struct apc_error *why);
 /* The same in words, as the record has it; @reason may be NULL. */
-void alarm_summary_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
+void alarm_summary_words(const char *name, const struct apc_sample *request, const char *reason, char *text,
                          size_t size);
 /* What became of it, as of the last read. */
 enum outcome alarm_summary_outcome(const struct alarm_summary *summary, const struct alarm_now *now,
-                                   const struct apc_sample *wish, apc_ns utc);
+                                   const struct apc_sample *request, apc_ns utc);
 /* With which words it was refused: of the events since the tick that did the first one of this alarm. False:
  * it is not there; it may come a little later. */
 bool alarm_summary_refusal(const struct alarm_summary *summary, const struct alarm_now *now,
-                           const struct apc_sample *wish, struct apc_store *store, char *text, size_t size);
+                           const struct apc_sample *request, struct apc_store *store, char *text,
+                           size_t size);
 
 #endif

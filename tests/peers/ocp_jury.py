@@ -71,17 +71,17 @@ class Program:
         # moves over their size, so that no tolerance hangs on units
         self.unit = 1 / np.sqrt(self.s + self.r)
         v, x0, d, last = casadi.MX.sym("v", nu, blocks), casadi.MX.sym("x0", nx), casadi.MX.sym("d", len(made["unknown"])), casadi.MX.sym("last", nu)
-        target, wish = casadi.MX.sym("target", ny, N), casadi.MX.sym("wish", nu)
+        target, reference = casadi.MX.sym("target", ny, N), casadi.MX.sym("reference", nu)
         moves = v * casadi.DM(np.tile(self.unit[:, None], (1, blocks)))
         _, y = sample.mapaccum("course", N)(x0, moves[:, block_of], casadi.repmat(d, 1, N))
         change = moves - casadi.horzcat(last, moves[:, :-1])
         cost = (casadi.sum1(casadi.sum2((y - target) ** 2 * casadi.repmat(self.q, 1, N))) +
                 casadi.sum1(casadi.sum2(change**2 * casadi.repmat(self.s, 1, blocks))) +
-                casadi.sum1(casadi.sum2((moves - casadi.repmat(wish, 1, blocks)) ** 2 * casadi.repmat(self.r, 1, blocks)))) / 2
+                casadi.sum1(casadi.sum2((moves - casadi.repmat(reference, 1, blocks)) ** 2 * casadi.repmat(self.r, 1, blocks)))) / 2
         rows = casadi.vertcat(casadi.vec(change[:, 1:]) / np.tile(self.unit, blocks - 1), casadi.vec(y))
-        given = casadi.vertcat(x0, d, last, casadi.vec(target), wish)
+        given = casadi.vertcat(x0, d, last, casadi.vec(target), reference)
         self.N, self.nu, self.ny, self.blocks = N, nu, ny, blocks
-        self.look = casadi.Function("look", [v, x0, d, last, target, wish], [cost, rows])
+        self.look = casadi.Function("look", [v, x0, d, last, target, reference], [cost, rows])
         self.solver = casadi.nlpsol("again", "ipopt", {"x": casadi.vec(v), "f": cost, "g": rows, "p": given}, {
             "print_time": False, "error_on_fail": False, "ipopt": {
                 "print_level": 0, "sb": "yes", "tol": 1e-9, "constr_viol_tol": 1e-10, "bound_relax_factor": 0.0, "mu_init": 1e-6,
@@ -99,11 +99,11 @@ class Program:
         least, most = least / self.unit[:, None], most / self.unit[:, None]
         pace = np.tile(step / self.unit, self.blocks - 1)
         lbg, ubg = np.concatenate([-pace, np.tile(y_low, self.N)]), np.concatenate([pace, np.tile(y_high, self.N)])
-        ours, rows = (np.array(a).ravel() for a in self.look(plan, o["x"], o["d"], last, target.T, o["wish"]))
+        ours, rows = (np.array(a).ravel() for a in self.look(plan, o["x"], o["d"], last, target.T, o["reference"]))
         beyond = max(np.max((lbg - rows) / (1 + np.abs(rows))), np.max((rows - ubg) / (1 + np.abs(rows))),
                      np.max(least - plan), np.max(plan - most))
         got = self.solver(x0=plan.ravel("F"), lbx=least.ravel("F"), ubx=most.ravel("F"), lbg=lbg, ubg=ubg,
-                          p=np.concatenate([o["x"], o["d"], last, target.ravel(), o["wish"]]))
+                          p=np.concatenate([o["x"], o["d"], last, target.ravel(), o["reference"]]))
         return ours[0], float(got["f"]) if self.solver.stats()["success"] else None, beyond
 
 

@@ -114,7 +114,7 @@ void __wrap_apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, 
     printf("{\"rc\":%d,\"given_up\":%u", result->rc, result->given_up);
     row("w", call->w, (horizon + 1) * ny);
     row("u_last", call->u_last, nu);
-    row("wish", call->u_reference, nu);
+    row("reference", call->u_reference, nu);
     row("low", call->low, nu);
     row("high", call->high, nu);
     row("step", call->step, nu);

@@ -96,7 +96,7 @@ struct cascade {
     double level, flow; /* measurements: of the loop above, of the one below */
     double w;           /* setpoint of the loop above */
     double gain;        /* of the process below */
-    struct {            /* the operator's wish, and what was read for it */
+    struct {            /* the operator's request, and what was read for it */
         int what;
         bool pending;
         double value;

@@ -335,7 +335,7 @@ static bool check_alarm_now(struct request *r, const struct alarm_summary *board
 {
     const struct alarm *alarm = alarm_summary_alarm(board, now);
     const bool shelves = o->which == APC_ALARM_SHELF && (o->value < 0 || o->value > 0);
-    struct apc_sample wish;
+    struct apc_sample wanted;
     struct apc_error why;
     if (!alarm_summary_lives(board, o->write.time))
         return fault_set(&r->fault, 409, "alarm", NULL,
@@ -344,10 +344,10 @@ static bool check_alarm_now(struct request *r, const struct alarm_summary *board
         return stale(r, now, alarm);
     if (shelves && !alarm_summary_may_shelve(board, now, o->value, o->write.time, &why))
         return fault_set(&r->fault, 422, "limits", "until", "%s", why.text);
-    if (!alarm_summary_want(board, now, store, o->which, o->value, o->write.time, &wish, &why))
+    if (!alarm_summary_want(board, now, store, o->which, o->value, o->write.time, &wanted, &why))
         return fault_set(&r->fault, 409, "alarm", NULL, "%s", why.text);
-    wish.value = o->change.after.value;
-    o->change.after = wish;
+    wanted.value = o->change.after.value;
+    o->change.after = wanted;
     return true;
 }
 
@@ -425,11 +425,11 @@ static void begin_alarm_write(struct ui *ui, struct request *r, const struct ala
     }
     if (!request_may_write(ui, r))
         return;
-    const struct apc_sample *wish = now->wish[ALARM_WISH(o->which)];
-    struct change_target to = {.table = wish->table, .id = wish->id};
+    const struct apc_sample *wanted = now->request[ALARM_SWITCH(o->which)];
+    struct change_target to = {.table = wanted->table, .id = wanted->id};
     snprintf(to.name, sizeof to.name, "%s", r->name);
     change_make(&nobodys, &to, 0, &o->change);
-    o->change.before = o->change.after = *wish;
+    o->change.before = o->change.after = *wanted;
     o->change.after.value = o->which == APC_ALARM_ACK ? (double)o->seq : o->value;
     if (request_begin(ui, r, &o->write, store))
         carry_out_alarm(ui, r, board, now, o, store);

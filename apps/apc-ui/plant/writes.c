@@ -128,14 +128,14 @@ static int begin_write(struct writes *w, const struct write *write)
     return 0;
 }
 
-static bool same_wish(const struct write *a, const struct write *b)
+static bool same_request(const struct write *a, const struct write *b)
 {
     return a->kind == b->kind && !strcmp(a->user, b->user) && a->undoes == b->undoes;
 }
 
 static bool same_write(const struct write *a, const struct write *b)
 {
-    bool same = same_wish(a, b) && a->wanted == b->n;
+    bool same = same_request(a, b) && a->wanted == b->n;
     for (size_t i = 0; i < b->n && same; i++) {
         const struct apc_sample *x = &a->change[i].after, *y = &b->change[i].after;
         same = x->table == y->table && x->id == y->id && a->change[i].over == b->change[i].over &&
@@ -168,7 +168,7 @@ int writes_again(struct writes *w, const struct write *write, struct text *t)
 {
     pthread_mutex_lock(&w->mutex);
     const struct write *known = find_write(w, write->key);
-    const int rc = known ? tell_known(known, same_wish(known, write), t) : 0;
+    const int rc = known ? tell_known(known, same_request(known, write), t) : 0;
     pthread_mutex_unlock(&w->mutex);
     return rc;
 }

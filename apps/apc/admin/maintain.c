@@ -6,12 +6,12 @@
 
 #define DAY (86400 * APC_NS_PER_S)
 
-struct wish {
+struct options {
     const char *keep, *events, *ticks, *pack;
     bool all;
 };
 
-#define AT(member) .to = offsetof(struct wish, member)
+#define AT(member) .to = offsetof(struct options, member)
 static const struct option_spec own_options[] = {
     {"keep", 0, "DURATION",
      "Drop samples and timing older than that, as 90d or 36h; default: keep them for ever", OPTION_TEXT,
@@ -83,19 +83,19 @@ static int maintain_all(const struct cli *cli, const struct apc_retention *keep)
 
 int command_maintain(int argc, char **argv)
 {
-    struct wish wish = {0};
+    struct options options = {0};
     struct apc_retention keep = {.size = sizeof keep};
     struct cli cli;
 
-    cli_parse(&cli, &spec, &wish, argc, argv);
-    if (cli_duration(&cli, "keep", wish.keep, &keep.samples) != EXIT_OK ||
-        cli_duration(&cli, "keep-events", wish.events, &keep.events) != EXIT_OK ||
-        cli_duration(&cli, "keep-ticks", wish.ticks, &keep.ticks) != EXIT_OK ||
-        cli_duration(&cli, "pack", wish.pack, &keep.packed) != EXIT_OK)
+    cli_parse(&cli, &spec, &options, argc, argv);
+    if (cli_duration(&cli, "keep", options.keep, &keep.samples) != EXIT_OK ||
+        cli_duration(&cli, "keep-events", options.events, &keep.events) != EXIT_OK ||
+        cli_duration(&cli, "keep-ticks", options.ticks, &keep.ticks) != EXIT_OK ||
+        cli_duration(&cli, "pack", options.pack, &keep.packed) != EXIT_OK)
         return EXIT_USAGE;
     keep.timing = keep.samples;
-    if (!wish.ticks)
+    if (!options.ticks)
         keep.ticks = keep.samples > 0 && keep.samples < DAY ? keep.samples : DAY;
-    int rc = wish.all ? maintain_all(&cli, &keep) : maintain(&cli, NULL, &keep);
+    int rc = options.all ? maintain_all(&cli, &keep) : maintain(&cli, NULL, &keep);
     return cli_done(&cli, exit_code_of(rc));
 }

@@ -443,12 +443,12 @@ static int try_settings(struct session *s)
 
 struct wanted {
     const struct alarm_now *now;
-    struct apc_sample wish;
+    struct apc_sample request;
 };
 
 static void describe_wanted(const struct session *s, const struct wanted *w, char *text, size_t size)
 {
-    alarm_summary_words(alarm_summary_alarm(&s->summary, w->now)->name, &w->wish, s->options.reason, text,
+    alarm_summary_words(alarm_summary_alarm(&s->summary, w->now)->name, &w->request, s->options.reason, text,
                         size);
 }
 
@@ -469,7 +469,7 @@ static int lost(struct session *s, const struct wanted *w)
     char name[APC_AUTHOR_LEN];
     return cli_error(&s->cli, APC_ECONFLICT, "%s: %s was faster: look again",
                      alarm_summary_alarm(&s->summary, w->now)->name,
-                     *author_of_transition(s, w->wish.author, name) ? name : "somebody else");
+                     *author_of_transition(s, w->request.author, name) ? name : "somebody else");
 }
 
 static int await_wanted(struct session *s, struct wanted *w)
@@ -478,7 +478,7 @@ static int await_wanted(struct session *s, struct wanted *w)
     const char *name = alarm_summary_alarm(&s->summary, w->now)->name;
     char text[192];
     enum outcome outcome;
-    while ((outcome = alarm_summary_outcome(&s->summary, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
+    while ((outcome = alarm_summary_outcome(&s->summary, w->now, &w->request, s->now)) == OUTCOME_WAITING &&
            apc_clock_mono(NULL) < end) {
         nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
         const int rc = read_alarm_summary(s);
@@ -494,7 +494,7 @@ static int await_wanted(struct session *s, struct wanted *w)
     case OUTCOME_SUPERSEDED:
         return cli_error(&s->cli, APC_EPERM, "%s: superseded by what somebody else wanted", name);
     case OUTCOME_REFUSED:
-        while (!alarm_summary_refusal(&s->summary, w->now, &w->wish, s->store, text, sizeof text) &&
+        while (!alarm_summary_refusal(&s->summary, w->now, &w->request, s->store, text, sizeof text) &&
                apc_clock_mono(NULL) < end)
             nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
         if (!text[0])
@@ -513,7 +513,7 @@ static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum
     struct wanted w = {.now = now};
     struct apc_error why;
     char who[APC_AUTHOR_LEN], text[192];
-    if (!alarm_summary_want(&s->summary, now, s->store, which, value, s->now, &w.wish, &why))
+    if (!alarm_summary_want(&s->summary, now, s->store, which, value, s->now, &w.request, &why))
         return cli_error(&s->cli, APC_EPERM, "%s", why.text);
     int rc = cli_live(&s->cli, s->store);
     if (rc != EXIT_OK)
@@ -521,8 +521,8 @@ static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum
     operate_who(who, sizeof who);
     rc = apc_store_author(s->store, who);
     if (rc > 0) {
-        w.wish.author = (uint32_t)rc;
-        rc = apc_store_swap(s->store, &w.wish, 1);
+        w.request.author = (uint32_t)rc;
+        rc = apc_store_swap(s->store, &w.request, 1);
     }
     if (rc == APC_ECONFLICT)
         return lost(s, &w);

@@ -17,12 +17,12 @@
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
 
-struct wish {
+struct options {
     const char *spools, *at;
     bool all;
 };
 
-#define AT(member) .to = offsetof(struct wish, member)
+#define AT(member) .to = offsetof(struct options, member)
 static const struct option_spec own_options[] = {
     {"spool", 0, "DIR",
      "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
@@ -31,7 +31,7 @@ static const struct option_spec own_options[] = {
      "Of all plants in the database that you may look at: a line each, with the age of the newest "
      "measurement",
      OPTION_FLAG, AT(all)},
-    PAST_OPTION(struct wish),
+    PAST_OPTION(struct options),
     {0},
 };
 
@@ -436,15 +436,15 @@ int command_status(int argc, char **argv)
     struct past past;
     struct cli cli;
 
-    struct wish wish = {.spools = getenv("APC_SPOOL")};
+    struct options options = {.spools = getenv("APC_SPOOL")};
     struct apc_error why;
-    cli_parse(&cli, &spec, &wish, argc, argv);
-    const char *dir = wish.at ? NULL : wish.spools;
-    if (wish.all && wish.at)
+    cli_parse(&cli, &spec, &options, argc, argv);
+    const char *dir = options.at ? NULL : options.spools;
+    if (options.all && options.at)
         return cli_usage(&cli, "--at is of one plant, and --all of all");
     if (cli.format == CLI_CSV)
         return cli_usage(&cli, "a status is no table: there is --json");
-    if (wish.all)
+    if (options.all)
         return all_plants_show(&cli);
     store_name(cli.store, status.store, sizeof status.store);
     status.now = apc_clock_utc(NULL);
@@ -455,7 +455,7 @@ int command_status(int argc, char **argv)
             cli_error(&cli, 0, "%s is damaged: what can be read of it is counted, and apc drain stores it",
                       status.spools.path[i]);
     }
-    int rc = past_open(&cli, "at", wish.at, &past);
+    int rc = past_open(&cli, "at", options.at, &past);
     if (rc == 0)
         rc = load_status(&cli, &past, &status);
     if (rc < 0 && past.is)

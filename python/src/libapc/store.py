@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 Time = Union[int, str, "np.datetime64"]
 
 _NONE = 1e300  # APC_VALUE_MAX: no limit
-_NUMBERS = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT | lib.APC_WISH_TUNING
-_MOVED = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT
+_NUMBERS = lib.APC_OPERATION_SETPOINT | lib.APC_OPERATION_OUTPUT | lib.APC_OPERATION_TUNING
+_MOVED = lib.APC_OPERATION_SETPOINT | lib.APC_OPERATION_OUTPUT
 
 
 class Tag(NamedTuple):
@@ -241,15 +241,15 @@ class Store:
         the user. `confirm`: a step above the file's `confirm` is meant; without it, it is a `RefusedError`.
         `over`: a setpoint or an output goes there on a ramp, in so many s; what is in force is then where it begins."""
         kinds = _NUMBERS if over is None else _MOVED
-        return self._wish(name, _number(value), kinds, author, wait, confirm, over)
+        return self._operate(name, _number(value), kinds, author, wait, confirm, over)
 
     def stop(self, name: str, author: Optional[str] = None, wait: bool = True) -> Value:
         """End the ramp of a setpoint or an output where it is, as `write`. `RefusedError`: it is on none."""
-        return self._wish(name, nan, _MOVED, author, wait, stop=True)
+        return self._operate(name, nan, _MOVED, author, wait, stop=True)
 
     def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
-        return Mode(int(self._wish(loop, float(Mode._wanted(mode)), lib.APC_WISH_MODE, author, wait).value))
+        return Mode(int(self._operate(loop, float(Mode._wanted(mode)), lib.APC_OPERATION_MODE, author, wait).value))
 
     def retake(self, at: Time, names: Iterable[str] = (), apply: bool = False, author: Optional[str] = None, wait: bool = True,
                confirm: bool = False) -> list[tuple[str, Optional[float], float]]:
@@ -259,18 +259,18 @@ class Store:
         cannot be written as things stand."""
         if isinstance(names, str):
             raise TypeError(f"names is {names!r:.40}, not several: expected a list of them")
-        wish, reason = self._new_wish(), why()
+        operation, reason = self._new_operation(), why()
         called = [ffi.new("char[]", utf8("names", name)) for name in names]
         who, now, then = utf8("author", author or _user()), ffi.new("double *"), ffi.new("double *")
         differing = []
         with self._owned as s:
             self._live(s, "apc set")
-            n = check(lib.apc_wish_retake(wish, s, _ns(at), ffi.new("char *[]", called), len(called), reason), reason)
+            n = check(lib.apc_operation_retake(operation, s, _ns(at), ffi.new("char *[]", called), len(called), reason), reason)
             for i in range(n):
-                name = text(lib.apc_wish_change(wish, i, now, then))
+                name = text(lib.apc_operation_change(operation, i, now, then))
                 differing.append((name, None if isnan(now[0]) else now[0], then[0]))
             if apply and n:
-                self._carry_out(s, wish, who, wait, confirm)
+                self._carry_out(s, operation, who, wait, confirm)
         return differing
 
     def log(self, text: str, signal: str = "", author: Optional[str] = None, sign: bool = False) -> bool:
@@ -330,38 +330,38 @@ class Store:
     def _missing(self, name: str, kinds: int) -> str:
         """Why nothing can be written by that name; "": something can."""
         try:
-            self._wish(name, nan, kinds, None)  # which is looked for, and refused wherever there is something
+            self._operate(name, nan, kinds, None)  # which is looked for, and refused wherever there is something
         except NotFoundError as e:
             return str(e)
         except InvalidError:
             pass
         return ""
 
-    def _new_wish(self) -> Any:
-        wish = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free)
-        if wish == ffi.NULL:
+    def _new_operation(self) -> Any:
+        operation = ffi.gc(lib.apc_operation_new(), lib.apc_operation_free)
+        if operation == ffi.NULL:
             raise error(lib.APC_ENOMEM, "out of memory")
-        return wish
+        return operation
 
-    def _carry_out(self, s: Any, wish: Any, who: bytes, wait: bool, confirm: bool) -> None:
+    def _carry_out(self, s: Any, operation: Any, who: bytes, wait: bool, confirm: bool) -> None:
         reason = why()
-        while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
+        while wait and not check(lib.apc_operation_ready(operation, s, reason), reason):
             sleep(0.05)
-        check(lib.apc_wish_write(wish, s, who, confirm, reason), reason)
-        while wait and not check(lib.apc_wish_poll(wish, s, 10**8, reason), reason):
+        check(lib.apc_operation_write(operation, s, who, confirm, reason), reason)
+        while wait and not check(lib.apc_operation_poll(operation, s, 10**8, reason), reason):
             pass
 
-    def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True,
+    def _operate(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True,
               confirm: bool = False, over: Optional[float] = None, stop: bool = False) -> Value:
-        wish, reason = self._new_wish(), why()
+        operation, reason = self._new_operation(), why()
         who = utf8("author", author or _user())
         with self._owned as s:
             self._live(s, "apc set")
-            check(lib.apc_wish_find(wish, s, utf8("name", name), kinds, value, stop, reason), reason)
+            check(lib.apc_operation_find(operation, s, utf8("name", name), kinds, value, stop, reason), reason)
             if over is not None:
-                check(lib.apc_wish_over(wish, _number(over), reason), reason)
-            self._carry_out(s, wish, who, wait, confirm)
-        return Value(lib.apc_wish_force(wish) if wait else value, Status(lib.APC_GOOD), lib.apc_wish_time(wish))
+                check(lib.apc_operation_over(operation, _number(over), reason), reason)
+            self._carry_out(s, operation, who, wait, confirm)
+        return Value(lib.apc_operation_force(operation) if wait else value, Status(lib.APC_GOOD), lib.apc_operation_time(operation))
 
     def close(self) -> None:
         self._owned.close()

@@ -9,7 +9,7 @@
 #define SEED 20260901u
 
 enum { NX = 4, NY = 2, NU = 2, STATES_MOST = 4096, TUNING = 24, PUBLISHED_MOST = 4096, AHEAD_MOST = 512 };
-enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, OF_U };
+enum { MOVE, REFERENCE_WEIGHT, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, OF_U };
 enum { WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE, OF_Y };
 
 /* Two tanks over two others, about an operating point. */
@@ -670,7 +670,7 @@ static void units_make_no_difference(void **state)
         }
         measure(&r);
         begin(&r);
-        r.tuning[WISH] = 0.7;
+        r.tuning[REFERENCE_WEIGHT] = 0.7;
         r.tuning[REFERENCE] = 3.5 * up;
         r.tuning[OF_U + MOVE] = 0.3;
         r.tuning[NU * OF_U + WEIGHT] = 2.0;
@@ -678,7 +678,7 @@ static void units_make_no_difference(void **state)
         set_point(&r, 7.0 * yp, 6.0 * yp);
         for (size_t i = 0; i < 40; i++) {
             if (i == 20) {
-                r.tuning[WISH] = 0.0;
+                r.tuning[REFERENCE_WEIGHT] = 0.0;
                 r.tuning[NU * OF_U + SERVICE] = 0.0;
             }
             tick(&r);

@@ -15,7 +15,7 @@
 #define SEED 20260902u
 
 enum { STATES_MOST = 2048, PUBLISHED_MOST = 512, AHEAD_MOST = 64, TUNING = 12 };
-enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE };
+enum { MOVE, REFERENCE_WEIGHT, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE };
 
 static const double Ts = 1.0, delay = 0.4, late = 3.4, horizon = 40.0, deviation[] = {1.0, 50.0},
                     of_y[] = {0.02}, of_x[] = {0.0002, 0.0002, 0.005}, of_d[] = {0.05},

@@ -436,7 +436,7 @@ static void the_strongest_mask_holds_and_the_others_wait(void **state)
     end(&w);
 }
 
-static void of_two_wishes_that_are_refused_each_is_told(void **state)
+static void of_two_requests_that_are_refused_each_is_told(void **state)
 {
     struct world w;
     (void)state;
@@ -534,7 +534,7 @@ static void check_all(struct world *w)
     assert_near(n[APC_ALARMS_JOURNAL], (double)at(w, APC_DIM, 0)->seq, 0);
 }
 
-/* Every wish has an answer once nothing new comes: refused ones are told one a tick. */
+/* Every request has an answer once nothing new comes: refused ones are told one a tick. */
 static void check_answers(struct world *w)
 {
     for (int i = 0; i < 3 * N; i++)
@@ -591,7 +591,7 @@ int main(void)
         EACH(one_shot_lasts_until_it_has_come_and_gone),
         EACH(what_is_suppressed_by_design_is_announced_only_if_it_is_still_there),
         EACH(the_strongest_mask_holds_and_the_others_wait),
-        EACH(of_two_wishes_that_are_refused_each_is_told),
+        EACH(of_two_requests_that_are_refused_each_is_told),
         EACH(what_was_not_stored_is_stored_before_anything_else_is_judged),
         EACH(whatever_happens_the_journal_tells_it_whole_and_in_order),
     };

@@ -564,20 +564,20 @@ static void test_whatever_happens_two_controllers_agree_on_the_setpoint(void **s
 
 #define EACH 4 /* steps of a controller: it reads, appends, reads, appends */
 
-enum wish { PUT, AUTO, CAS, MAN, WISHES };
+enum request { PUT, AUTO, CAS, MAN, REQUESTS };
 
-static void wishes(struct plant *p, unsigned wish)
+static void request(struct plant *p, unsigned wanted)
 {
     static const enum apc_mode mode[] = {[AUTO] = APC_MODE_AUTO, [CAS] = APC_MODE_CAS, [MAN] = APC_MODE_MAN};
 
-    if (wish == PUT)
+    if (wanted == PUT)
         operator_put(p, p->station[LOWER].core->z[0] > 0 ? -0.25 : 0.25);
     else
-        operator_mode(p, mode[wish]);
+        operator_mode(p, mode[wanted]);
 }
 
 /* Steps @p left of lower, upper, operator, in every order; @p done are those already chosen. */
-static void in_every_order(struct plant *p, const unsigned left[3], char *done, size_t n, unsigned wish[2],
+static void in_every_order(struct plant *p, const unsigned left[3], char *done, size_t n, unsigned wanted[2],
                            uint64_t *orders)
 {
     bool any = false;
@@ -590,7 +590,7 @@ static void in_every_order(struct plant *p, const unsigned left[3], char *done, 
         any = true;
         rest[who]--;
         done[n] = (char)who;
-        in_every_order(p, rest, done, n + 1, wish, orders);
+        in_every_order(p, rest, done, n + 1, wanted, orders);
     }
     if (any)
         return;
@@ -602,14 +602,14 @@ static void in_every_order(struct plant *p, const unsigned left[3], char *done, 
             nth += done[k] == done[i];
         p->now += BASE / SLOTS;
         if (done[i] == 2)
-            wishes(p, wish[nth]);
+            request(p, wanted[nth]);
         else
             (nth % 2 == 0 ? reads : appends)(p, who);
     }
     p->slot = 0;
     run(p, 18);
     must_be_owned(p);
-    must(p, wish[1] != PUT || target(p, LOWER) != APC_MODE_AUTO || newest(p, APC_SETPOINT, R).origin == 0,
+    must(p, wanted[1] != PUT || target(p, LOWER) != APC_MODE_AUTO || newest(p, APC_SETPOINT, R).origin == 0,
          "what the operator put last is in force");
     operator_mode(p, APC_MODE_CAS);
     p->slot = 0;
@@ -626,16 +626,16 @@ static void test_in_every_order_two_controllers_leave_the_setpoint_to_its_owner(
     uint64_t orders = 0;
 
     (void)state;
-    for (unsigned k = 0; k < WISHES * WISHES; k++) {
-        unsigned wish[2] = {k % WISHES, k / WISHES};
+    for (unsigned k = 0; k < REQUESTS * REQUESTS; k++) {
+        unsigned wanted[2] = {k % REQUESTS, k / REQUESTS};
         char done[2 * EACH + 2];
         struct plant p;
 
-        if (wish[0] == CAS) /* it is that already */
+        if (wanted[0] == CAS) /* it is that already */
             continue;
         begin(&p, 1, "mem:orders");
         run(&p, 16);
-        in_every_order(&p, left, done, 0, wish, &orders);
+        in_every_order(&p, left, done, 0, wanted, &orders);
         end(&p);
     }
     print_message("%llu orders\n", (unsigned long long)orders);

@@ -210,7 +210,7 @@ static void ticks_do_not_allocate(void **state)
 }
 
 /* One that latches, and those of a controller that stops and that misses ticks: raised, acknowledged and
- * reset, shelved and taken out, and wishes that are refused. */
+ * reset, shelved and taken out, and requests that are refused. */
 static const struct apc_alarm watched[] = {
     {.name = "y.high",
      .kind = APC_ALARM_HIGH,
@@ -244,7 +244,7 @@ struct alarmed {
     int transitions, refused;
 };
 
-/* No cmocka in here either. Rows that it reads are rewritten in place: what a wish is of is its table's id. */
+/* No cmocka in here either. Rows that it reads are rewritten in place: what a request is of is its table's id. */
 static void one_second_of_alarms(struct apc_alarms *alarms, int k, struct alarmed *seen)
 {
     const struct apc_now now = {.mono = k * S, .utc = T0 + k * S};

@@ -10,9 +10,10 @@
 #define NOW (1000000 * S)
 
 static struct alarm high = {.name = "y.high"};
-static struct apc_sample row, wish[3], actual[3];
-static const struct alarm_now now = {
-    .row = &row, .wish = {&wish[0], &wish[1], &wish[2]}, .actual = {&actual[0], &actual[1], &actual[2]}};
+static struct apc_sample row, request[3], actual[3];
+static const struct alarm_now now = {.row = &row,
+                                     .request = {&request[0], &request[1], &request[2]},
+                                     .actual = {&actual[0], &actual[1], &actual[2]}};
 static struct alarm_summary summary;
 
 static int begin(void **state)
@@ -27,7 +28,8 @@ static int begin(void **state)
     row = (struct apc_sample){
         .table = APC_ALARM, .id = 1, .seq = 4, .time = NOW - S, .value = APC_ALARM_UNACKED};
     for (int i = 0; i < 3; i++) {
-        wish[i] = (struct apc_sample){.table = APC_OPMODE, .id = 65536 * (APC_ALARM_ACK + i) + 1, .seq = 7};
+        request[i] =
+            (struct apc_sample){.table = APC_OPMODE, .id = 65536 * (APC_ALARM_ACK + i) + 1, .seq = 7};
         actual[i] = (struct apc_sample){.table = APC_ACTUAL, .seq = 2, .origin = 7};
     }
     return 0;
@@ -42,7 +44,7 @@ static void assert_want(enum apc_alarm_switch which, double value, const char *r
     assert_string_equal(why.text, reason ? reason : "");
     assert_int_equal(may, !reason);
     assert_int_equal(to.table, APC_OPMODE);
-    assert_int_equal(to.id, wish[ALARM_WISH(which)].id);
+    assert_int_equal(to.id, request[ALARM_SWITCH(which)].id);
     assert_int_equal(to.seq, 7);
     assert_int_equal(to.time, NOW);
     assert_near(to.value, which == APC_ALARM_ACK ? (double)row.seq : value, 0.0);
@@ -79,13 +81,13 @@ static void who_acknowledges_after_another_is_told(void **state)
 {
     static const char said[] = "y.high: somebody has just acknowledged it"; /* not: it is Unacknowledged */
     (void)state;
-    wish[0].value = 4; /* of this very row */
+    request[0].value = 4; /* of this very row */
     assert_want(APC_ALARM_ACK, 0, NULL);
     actual[0].origin = 6;
     assert_want(APC_ALARM_ACK, 0, said);
-    wish[0].value = 5;
+    request[0].value = 5;
     assert_want(APC_ALARM_ACK, 0, said);
-    wish[0].value = 3; /* of a former one */
+    request[0].value = 3; /* of a former one */
     assert_want(APC_ALARM_ACK, 0, NULL);
 }
 
@@ -135,21 +137,21 @@ static void alarms_are_evaluated_as_long_as_ticks_come(void **state)
     assert_false(alarm_summary_lives(&summary, NOW));
 }
 
-static void what_became_of_a_wish_is_that_of_its_own_switch(void **state)
+static void what_became_of_a_request_is_that_of_its_own_switch(void **state)
 {
     (void)state;
     for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 3; k++)
             actual[k].origin = k == i ? 7 : 6;
         for (int k = 0; k < 3; k++)
-            assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[k], NOW),
+            assert_int_equal(alarm_summary_outcome(&summary, &now, &request[k], NOW),
                              k == i ? OUTCOME_APPLIED : OUTCOME_WAITING);
     }
     actual[2].status = APC_BAD;
-    assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[2], NOW), OUTCOME_REFUSED);
+    assert_int_equal(alarm_summary_outcome(&summary, &now, &request[2], NOW), OUTCOME_REFUSED);
     actual[2].origin = 8;
-    assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[2], NOW), OUTCOME_SUPERSEDED);
-    assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[0], NOW + 31 * S), OUTCOME_NOBODY);
+    assert_int_equal(alarm_summary_outcome(&summary, &now, &request[2], NOW), OUTCOME_SUPERSEDED);
+    assert_int_equal(alarm_summary_outcome(&summary, &now, &request[0], NOW + 31 * S), OUTCOME_NOBODY);
     assert_ptr_equal(alarm_summary_find(&summary, "y.high"), &now);
     assert_null(alarm_summary_find(&summary, "y.low"));
     assert_ptr_equal(alarm_summary_alarm(&summary, &now), &high);
@@ -211,15 +213,15 @@ static void a_refusal_is_ones_own(void **state)
     (void)state;
     assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
     assert_int_equal(apc_store_init(store), 0);
-    actual[ALARM_WISH(APC_ALARM_ACK)].origin = 8;
-    actual[ALARM_WISH(APC_ALARM_ACK)].time = NOW;
+    actual[ALARM_SWITCH(APC_ALARM_ACK)].origin = 8;
+    actual[ALARM_SWITCH(APC_ALARM_ACK)].time = NOW;
     assert_false(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     assert_true(apc_store_append_events(store, events, 3) >= 0);
     assert_false(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     assert_true(apc_store_append_events(store, events + 3, 2) >= 0);
     assert_true(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     assert_string_equal(text, "y.high: not acknowledged: one's own");
-    actual[ALARM_WISH(APC_ALARM_ACK)].origin = 9; /* it was another that was looked at */
+    actual[ALARM_SWITCH(APC_ALARM_ACK)].origin = 9; /* it was another that was looked at */
     assert_false(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     apc_store_close(store);
 }
@@ -384,7 +386,7 @@ int main(void)
         T(who_acknowledges_after_another_is_told),
         T(shelving_ends_in_time),
         T(alarms_are_evaluated_as_long_as_ticks_come),
-        T(what_became_of_a_wish_is_that_of_its_own_switch),
+        T(what_became_of_a_request_is_that_of_its_own_switch),
         T(words_say_what_is_wanted),
         T(a_refusal_is_ones_own),
         cmocka_unit_test_setup(of_those_that_come_together_in_an_area_the_first_is_marked, begin_plant),

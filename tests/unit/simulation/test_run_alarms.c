@@ -153,9 +153,9 @@ static struct apc_sample newest(struct apc_store *store, enum apc_table table, i
 
 static void wanted(struct apc_store *store, enum apc_alarm_switch which, int alarm, double value)
 {
-    struct apc_sample wish = {
+    struct apc_sample request = {
         .table = APC_OPMODE, .id = apc_alarm_switch_id(which, alarm), .time = S, .value = value};
-    if (apc_store_put(store, &wish, 1) < 0)
+    if (apc_store_put(store, &request, 1) < 0)
         fail_msg("%s", apc_store_error(store));
 }
 

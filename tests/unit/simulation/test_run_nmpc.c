@@ -3,7 +3,7 @@
  * reactor without steps that are announced, unless a test says so. */
 /*
  * Promise(laws/nmpc-options-mpc): `nmpc` has the options of `mpc`: ranks of setpoints out of reach and of
- *   limits, wish and cost of steady states, ranges, terminal weight, outputs in Man, measurements out of
+ *   limits, input reference and cost of steady states, ranges, terminal weight, outputs in Man, measurements out of
  *   service, Bad for long, critical.
  */
 #include <math.h>
@@ -148,7 +148,7 @@ static void of_setpoints_out_of_reach_the_first_rank_is_kept_and_it_is_told(void
     }
 }
 
-static void a_wish_leaves_no_offset(void **state)
+static void an_input_reference_leaves_no_offset(void **state)
 {
     const struct change change[] = {{"controller.tuning",
                                      "( { move_suppression = 1.0; reference_weight = 10.0; reference = 14.0; "
@@ -392,7 +392,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_short_horizon_has_the_cost_of_what_comes_after_it),
         cmocka_unit_test(of_setpoints_out_of_reach_the_first_rank_is_kept_and_it_is_told),
-        cmocka_unit_test(a_wish_leaves_no_offset),
+        cmocka_unit_test(an_input_reference_leaves_no_offset),
         cmocka_unit_test(of_steady_states_the_cheapest_is_held),
         cmocka_unit_test(within_a_range_nothing_needs_to_be_done),
         cmocka_unit_test(limits_that_contradict_are_given_up_by_rank),

@@ -446,7 +446,7 @@ static void what_is_out_of_service_says_nothing_until_it_is_in_again(void **stat
 /* Promise(page/reason-goes-write) */
 static void what_makes_no_sense_writes_nothing(void **state)
 {
-    struct apc_sample wish = {.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, 1)};
+    struct apc_sample wanted = {.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, 1)};
     char body[128];
     (void)state;
     assert_int_equal(acknowledge("y.high", 0), 409); /* nobody evaluates */
@@ -468,8 +468,8 @@ static void what_makes_no_sense_writes_nothing(void **state)
     snprintf(body, sizeof body, "{\"seq\":1,\"reason\":\"%081d\"}", 0);
     assert_int_equal(want(post_alarm_ack, "y.high", body), 422);
     assert_string_equal(request.fault.field, "reason");
-    assert_int_equal(apc_store_read(store, &wish, 1), 0);
-    assert_int_equal(wish.seq, 0);
+    assert_int_equal(apc_store_read(store, &wanted, 1), 0);
+    assert_int_equal(wanted.seq, 0);
 }
 
 /* ---- As they are followed ------------------------------------------------------------------ */

@@ -31,9 +31,9 @@ _WRITERS = 8  # threads: so many writes wait for their outcome at once
 _READERS = 2  # of history
 _OUTCOME = ((LimitError, "BadOutOfRange"), ((RefusedError, StateError), "BadInvalidState"), (TimedOut, "BadTimeout"),
             (ConflictError, "BadOperationAbandoned"), (NotFoundError, "BadNodeIdUnknown"), (ValueError, "BadTypeMismatch"))
-_KINDS = {"setpoint": lib.APC_WISH_SETPOINT, "actuator": lib.APC_WISH_OUTPUT, "tuning": lib.APC_WISH_TUNING}
-_OPERATED = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT
-_ALL = _OPERATED | lib.APC_WISH_TUNING
+_KINDS = {"setpoint": lib.APC_OPERATION_SETPOINT, "actuator": lib.APC_OPERATION_OUTPUT, "tuning": lib.APC_OPERATION_TUNING}
+_OPERATED = lib.APC_OPERATION_SETPOINT | lib.APC_OPERATION_OUTPUT
+_ALL = _OPERATED | lib.APC_OPERATION_TUNING
 
 
 class Options(NamedTuple):
@@ -135,7 +135,7 @@ class Server:
         codes = self._ua.StatusCodes
         if not self._may(user, rank):
             reason = why()
-            lib.apc_wish_role(utf8("user", user.name), ROLES[user.rank].encode(), ROLES[rank].encode(), reason)
+            lib.apc_operation_role(utf8("user", user.name), ROLES[user.rank].encode(), ROLES[rank].encode(), reason)
             await self._space.say(f"{what}: {text(reason.text)}")
             return self._ua.StatusCode(codes.BadUserAccessDenied), None
 
@@ -164,7 +164,7 @@ class Server:
             if not is_number:
                 raise no_number(value)
             try:
-                return store._wish(name, float(value), kinds, who).value
+                return store._operate(name, float(value), kinds, who).value
             except InvalidError as e:  # NaN, infinite: of the right type all the same
                 raise LimitError(str(e)) from e
 
@@ -180,7 +180,7 @@ class Server:
         codes, (table, name) = self._ua.StatusCodes, self._space.called(item.NodeId)
 
         def look(store: Store, who: str) -> None:
-            why_not = store._missing(name, lib.APC_WISH_MODE if table == "opmode" else _ALL) if name else ""
+            why_not = store._missing(name, lib.APC_OPERATION_MODE if table == "opmode" else _ALL) if name else ""
             raise NotFoundError(why_not or "nothing is written there")
 
         code, _ = await self._do(f"{item.NodeId.to_string():.100}", user, OPERATOR, look)

@@ -160,7 +160,7 @@ static void quiet(struct cascade *w, struct chance *c)
 #define PAIRS 5
 #else
 #define SEEDS 20
-#define PAIRS 1 /* of wishes: each so many-th */
+#define PAIRS 1 /* of requests: each so many-th */
 #endif
 #define EPISODES 50000 /* of each seed */
 
@@ -210,19 +210,19 @@ static void test_whatever_happens_in_whatever_order(void **state)
 
 #define EACH 4 /* steps of an actor: it reads, appends, reads, appends */
 
-static const struct wish {
+static const struct request {
     int what;
     enum apc_mode mode;
-} wishes[] = {{PUT, APC_MODE_AUTO}, {MODE, APC_MODE_AUTO}, {MODE, APC_MODE_CAS}, {MODE, APC_MODE_MAN}};
+} requests[] = {{PUT, APC_MODE_AUTO}, {MODE, APC_MODE_AUTO}, {MODE, APC_MODE_CAS}, {MODE, APC_MODE_MAN}};
 
-static void step(struct cascade *w, enum who who, unsigned nth, const struct wish *wish)
+static void step(struct cascade *w, enum who who, unsigned nth, const struct request *request)
 {
     w->now += BASE / SLOTS;
     if (who != OPERATOR) {
         (nth % 2 == 0 ? cascade_reads : cascade_appends)(w, who);
     } else if (nth % 2 == 0) {
-        w->operator.what = wish->what;
-        w->operator.mode = wish->mode;
+        w->operator.what = request->what;
+        w->operator.mode = request->mode;
         w->operator.value = w->store.setpoint.value + 0.25;
         cascade_operator_reads(w);
     } else {
@@ -258,33 +258,33 @@ static bool permute(enum who *order, size_t n)
 /* Promise(modes/owner): In every order of writes a setpoint ends as its owner's. */
 static void test_in_every_order_the_setpoint_ends_as_its_owner_s(void **state)
 {
-    const size_t n_wishes = sizeof(wishes) / sizeof(*wishes);
+    const size_t n_requests = sizeof(requests) / sizeof(*requests);
     uint64_t orders = 0;
 
     (void)state;
-    for (size_t first = 0; first < n_wishes; first++) {
+    for (size_t first = 0; first < n_requests; first++) {
         enum who order[3 * EACH];
         struct cascade from;
 
         cascade_init(&from, 1);
-        from.store.target[LOWER] = first == 0 ? APC_MODE_CAS : wishes[first].mode;
+        from.store.target[LOWER] = first == 0 ? APC_MODE_CAS : requests[first].mode;
         cascade_run(&from, first == 2 ? 1 : 24);
         for (int i = 0; i < 3 * EACH; i++)
             order[i] = (enum who)(i / EACH);
         do {
-            for (size_t k = 0; k < n_wishes * n_wishes; k += PAIRS) {
-                const struct wish *wish[2] = {&wishes[k % n_wishes], &wishes[k / n_wishes]};
+            for (size_t k = 0; k < n_requests * n_requests; k += PAIRS) {
+                const struct request *request[2] = {&requests[k % n_requests], &requests[k / n_requests]};
                 struct cascade w = from;
                 unsigned nth[3] = {0, 0, 0};
 
                 for (int i = 0; i < 3 * EACH; i++) {
-                    step(&w, order[i], nth[order[i]], wish[nth[order[i]] / 2]);
+                    step(&w, order[i], nth[order[i]], request[nth[order[i]] / 2]);
                     nth[order[i]]++;
                 }
                 cascade_run(&w, 22);
                 must_be_owned(&w);
                 cascade_must(&w,
-                             wish[1]->what != PUT || w.store.target[LOWER] != APC_MODE_AUTO ||
+                             request[1]->what != PUT || w.store.target[LOWER] != APC_MODE_AUTO ||
                                  (w.store.setpoint.value >=
                                   w.operator.value && w.store.setpoint.value <= w.operator.value),
                              "what the operator put last is in force");

@@ -30,7 +30,7 @@ static struct cascade in_cas(void)
     return w;
 }
 
-static void wish(struct cascade *w, int what, enum apc_mode mode, double value)
+static void request(struct cascade *w, int what, enum apc_mode mode, double value)
 {
     w->operator.what = what;
     w->operator.mode = mode;
@@ -40,13 +40,13 @@ static void wish(struct cascade *w, int what, enum apc_mode mode, double value)
 
 static void put(struct cascade *w, double value)
 {
-    wish(w, PUT, APC_MODE_AUTO, value);
+    request(w, PUT, APC_MODE_AUTO, value);
     cascade_operator_appends(w);
 }
 
 static void mode(struct cascade *w, enum apc_mode target)
 {
-    wish(w, MODE, target, 0);
+    request(w, MODE, target, 0);
     cascade_operator_appends(w);
 }
 
