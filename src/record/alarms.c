@@ -66,8 +66,67 @@ int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, s
     return rc < 0 ? rc : 0;
 }
 
+#define EARLY APC_NS_PER_S        /* two clocks may differ by that */
+#define LATE  (60 * APC_NS_PER_S) /* what comes later was somebody else's */
+
+struct explaining {
+    struct alarm_journal *journal;
+    const struct experiment *e;
+    bool failed;
+};
+
+static size_t transition_at(const struct alarm_journal *j, apc_ns time)
+{
+    size_t first = 0, last = j->n;
+    while (first < last) {
+        const size_t middle = (first + last) / 2;
+        if (j->at[middle].time < time)
+            first = middle + 1;
+        else
+            last = middle;
+    }
+    return first;
+}
+
+/* "NAME: shelved until TIME (REASON)", as alarm_summary_words() says it: what it led to is the alarm's next
+ * transition by a person. */
+static int take_reason(void *ctx, const struct apc_event *event)
+{
+    struct explaining *x = ctx;
+    const char *colon = strstr(event->text, ": "), *begin = colon ? strstr(colon, " (") : NULL;
+    const size_t n = strlen(event->text), named = colon ? (size_t)(colon - event->text) : 0;
+    size_t i = transition_at(x->journal, event->time - EARLY);
+    if (strcmp(event->kind, "operator") != 0 || !colon)
+        return 0;
+    for (; i < x->journal->n && x->journal->at[i].time < event->time + LATE; i++) {
+        struct alarm_transition *t = &x->journal->at[i];
+        const char *name = x->e->alarm[t->alarm - 1].name;
+        if (t->author == 0 || t->reason || strlen(name) != named || strncmp(event->text, name, named) != 0)
+            continue;
+        t->reason = begin && event->text[n - 1] == ')'
+                        ? strndup(begin + 2, (size_t)(event->text + n - 1 - begin - 2))
+                        : strdup("");
+        x->failed = !t->reason;
+        break;
+    }
+    return x->failed;
+}
+
+int alarm_journal_reasons(struct alarm_journal *journal, struct apc_store *store, const struct experiment *e)
+{
+    struct explaining x = {.journal = journal, .e = e};
+    if (journal->n == 0)
+        return 0;
+    const struct apc_range range = {.since = journal->at[0].time - 60 * APC_NS_PER_S,
+                                    .until = journal->at[journal->n - 1].time + EARLY};
+    const int rc = apc_store_events(store, &range, take_reason, &x);
+    return x.failed ? APC_ENOMEM : rc < 0 ? rc : 0;
+}
+
 void alarm_journal_free(struct alarm_journal *journal)
 {
+    for (size_t i = 0; i < journal->n; i++)
+        free(journal->at[i].reason);
     free(journal->at);
     *journal = (struct alarm_journal){0};
 }

@@ -279,6 +279,7 @@ struct alarm_transition {
     enum apc_alarm_state before, state; /* before 0: not known */
     apc_status status;
     uint32_t author;
+    char *reason; /* as somebody gave it; NULL: nobody did, or nobody looked it up */
 };
 
 struct alarm_journal {
@@ -290,6 +291,8 @@ struct alarm_journal {
  * store's error; alarm_journal_free() in either case. */
 int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
                        const struct apc_range *range);
+/* The reasons, out of the events of what people did. Returns 0, APC_ENOMEM or the store's error. */
+int alarm_journal_reasons(struct alarm_journal *journal, struct apc_store *store, const struct experiment *e);
 void alarm_journal_free(struct alarm_journal *journal);
 
 /* Is an alarm raised by it: shown to operators as new? */

@@ -229,10 +229,11 @@ static void journal_json(struct session *s, const struct alarm_transition *tr)
     struct text t = {.out = stdout};
     char name[APC_AUTHOR_LEN], time[APC_TIME_LEN];
     json_add(&t,
-             "{number:%jd, time:%-s, alarm:%s, priority:%d, raised:%i, state:%s, before:%s, author:%-s}\n",
+             "{number:%jd, time:%-s, alarm:%s, priority:%d, raised:%i, state:%s, before:%s, author:%-s, "
+             "reason:%-s}\n",
              tr->number, time_or_none(tr->time, time), alarm->name, alarm->is.priority, alarm_is_raised(tr),
              apc_alarm_state_name(tr->state), apc_alarm_state_name(tr->before),
-             author_of_transition(s, tr->author, name));
+             author_of_transition(s, tr->author, name), tr->reason ? tr->reason : "");
 }
 
 static void journal_text(struct session *s, struct print_table *table, const struct alarm_transition *t)
@@ -245,6 +246,7 @@ static void journal_text(struct session *s, struct print_table *table, const str
     print_cell(table, alarm_is_raised(t) ? PRINT_WARN : PRINT_PLAIN, "%s", alarm->name);
     print_cell(table, PRINT_PLAIN, "%s", apc_alarm_state_name(t->state));
     print_cell(table, PRINT_PLAIN, "%s", author_of_transition(s, t->author, name));
+    print_cell(table, PRINT_PLAIN, "%s", t->reason ? t->reason : "");
     print_cell(table, PRINT_PLAIN, "%s", alarm->message);
 }
 
@@ -252,7 +254,7 @@ static int show_journal(struct session *s, const struct alarm_journal *j)
 {
     static const struct print_column columns[] = {
         {"NUMBER", PRINT_RIGHT}, {"TIME", PRINT_LEFT}, {"PRIORITY", PRINT_RIGHT}, {"ALARM", PRINT_LEFT},
-        {"STATE", PRINT_LEFT},   {"BY", PRINT_LEFT},   {"MESSAGE", PRINT_LEFT}};
+        {"STATE", PRINT_LEFT},   {"BY", PRINT_LEFT},   {"REASON", PRINT_LEFT},    {"MESSAGE", PRINT_LEFT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < j->n; i++)
@@ -301,6 +303,8 @@ static int journal(struct session *s)
         range.last = (size_t)last;
     }
     int rc = alarm_journal_load(&j, s->store, s->summary.e.n_alarms, &range);
+    if (rc == 0 && !s->options.figures)
+        rc = alarm_journal_reasons(&j, s->store, &s->summary.e);
     if (rc < 0)
         rc = rc == APC_ENOMEM ? cli_error(&s->cli, rc, "out of memory")
                               : cli_store_error(&s->cli, rc, s->store);

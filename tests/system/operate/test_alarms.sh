@@ -61,8 +61,10 @@ done
 [ "$(cat "$work"/code.* | sort | tr -d '\n')" = 0444 ] || fail "not one of four: $(cat "$work"/code.* "$work"/ack.*)"
 grep -qE 'was faster|just acknowledged|nothing to acknowledge|superseded' "$work"/ack.* || fail "the others were not told: $(cat "$work"/ack.*)"
 [ "$("$apc" alarm journal --json | grep -c '"Acknowledged Active","before"')" = 2 ] || fail "acknowledged twice: $("$apc" alarm journal)"
-expect 0 'NUMBER +TIME +PRIORITY +ALARM +STATE +BY +MESSAGE' "$apc" alarm journal
-expect 0 'r\.high +Acknowledged Active' "$apc" alarm journal
+expect 0 'NUMBER +TIME +PRIORITY +ALARM +STATE +BY +REASON +MESSAGE' "$apc" alarm journal
+expect 0 'r\.high +Acknowledged Active +[^ ]+ +seen by me' "$apc" alarm journal
+[ "$("$apc" alarm journal --json | grep -c '"state":"Acknowledged Active".*"reason":"seen by me"')" = 1 ] ||
+  fail "one reason was given: $("$apc" alarm journal)"
 
 # ---- Shelved, with an end
 
