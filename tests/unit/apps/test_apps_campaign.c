@@ -234,7 +234,8 @@ static void a_program_gets_all_of_it(void **state)
         *figure(run, 0, METRIC_IAE) = iae[run];
     *figure(3, 1, METRIC_SETTLING) = HUGE_VAL;
     for (unsigned run = 0; run < 4; run++)
-        *figure(run, 0, METRIC_PEAK) = (double)NAN;
+        *figure(run, 0, METRIC_PEAK) = *figure(run, 1, METRIC_PEAK) = (double)NAN;
+    *figure(2, 1, METRIC_PEAK) = 5;
     const char *text = printed(summary_print);
     assert_int_equal(
         strncmp(text,
@@ -250,6 +251,8 @@ static void a_program_gets_all_of_it(void **state)
     assert_has(text, "},{\"loop\":\"heat\",\"iae\":{\"runs\":4,\"infinite\":0,\"mean\":1,\"low95\":1,");
     assert_has(text, "\"settling_s\":{\"runs\":4,\"infinite\":1,\"mean\":null,");
     assert_has(text, "\"worst\":null,\"worst_seed\":13}");
+    assert_has(text, "\"peak\":{\"runs\":1,\"infinite\":0,\"mean\":5,");
+    assert_has(text, "\"worst\":5,\"worst_seed\":12}");
     assert_string_equal(text + strlen(text) - 5, "}}]}\n");
     assert_lacks(text, "differences");
 }
