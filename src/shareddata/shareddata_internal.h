@@ -71,6 +71,10 @@ struct apc_store_ops {
                    apc_sample_fn fn, void *ctx);
     int (*history_bins)(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx);
+    /* Of each of these, all of one table, its row of the highest seq with since <= time < until, where the
+     * record has the next seq as well; of others seq is 0. NULL: that is no quicker than one after another. */
+    int (*newest_within)(struct apc_store *store, struct apc_sample *samples, size_t n, apc_ns since,
+                         apc_ns until);
     int (*get_tags)(struct apc_store *store, struct apc_tag *tags, size_t capacity);
     int (*append_events)(struct apc_store *store, const struct apc_event *events, size_t n);
     int (*events)(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);

@@ -308,6 +308,25 @@ static int federated_history_bins(struct apc_store *store, enum apc_table table,
     return rc;
 }
 
+/* The history's alone: a row that another follows there is no row of its end. */
+static int federated_newest_within(struct apc_store *store, struct apc_sample *samples, size_t n,
+                                   apc_ns since, apc_ns until)
+{
+    struct apc_federated *s = federated_of(store);
+    const struct apc_store_ops *ops = s->history->ops;
+    const apc_ns began = apc_clock_mono(NULL);
+    int rc = 0;
+    if (ops->newest_within && apc_federated_has_history(s)) {
+        rc = apc_store_enter(s->history, samples, n);
+        rc = rc < 0 ? rc : ops->newest_within(s->history, samples, n, since, until);
+        rc = apc_federated_answered(s, rc, began, s->history->why.text);
+        for (size_t i = 0; i < n; i++) {
+            samples[i].author |= samples[i].author > 0 ? APC_SEAM_AUTHOR : 0;
+        }
+    }
+    return rc < 0 ? 0 : rc;
+}
+
 /* Those of both: a run that began without its history has not got all in the live store. */
 static int federated_variables(struct apc_store *store, struct apc_sample *into, size_t capacity)
 {
@@ -631,6 +650,7 @@ static const struct apc_store_ops federated_store = {
     .variables = federated_variables,
     .history = federated_history,
     .history_bins = federated_history_bins,
+    .newest_within = federated_newest_within,
     .get_tags = federated_get_tags,
     .append_events = federated_append_events,
     .events = apc_federated_events,

@@ -4,7 +4,7 @@
  *
  * A variable whose newest row is old enough costs no more than that: it comes with all others in one read. Of
  * another one the last row before the instant is looked for, and whether the next one follows it: rows that
- * are missing in between may have been newer. Both are looked for near the instant first, in steps, so that
+ * are missing in between may have been newer. A store that can tells this of many at once. Else both are looked for near the instant first, in steps, so that
  * no store goes through all that it has.
  */
 #include <stdlib.h>
@@ -122,10 +122,10 @@ static int find_before(struct look *l)
     return found != 0 ? found : look_in(l, &range);
 }
 
-/* The first row above a seq, none of which is older than the instant. */
-static int find_behind(struct look *l, int64_t after)
+/* The first row above a seq that is not older than @p since; 0: whose time is any. */
+static int find_behind(struct look *l, int64_t after, apc_ns since)
 {
-    struct apc_range range = {.since = after > 0 ? 0 : l->s->until, .after = after};
+    struct apc_range range = {.since = since, .after = after};
     int found = 0;
     for (size_t i = 0; i < STEPS && found == 0; i++) {
         range.until = l->s->until + steps[i];
@@ -144,7 +144,10 @@ static int find_then(struct look *was, apc_status *status)
     if (rc < 0 || apc_table_leaves_out(was->table)) {
         return rc < 0 ? rc : 0;
     }
-    rc = find_behind(&next, was->seq);
+    rc = find_behind(&next, was->seq, s->until);
+    if (rc >= 0 && was->seq > 0 && next.seq != was->seq + 1) { /* unless a clock was set back */
+        rc = find_behind(&next, was->seq, 0);
+    }
     if (rc >= 0 && was->seq > 0 && next.seq != was->seq + 1) {
         *status = apc_status_severity(*status) == APC_SEVERITY_GOOD ? APC_UNCERTAIN_LAST_USABLE : *status;
         doubt(s, "rows are missing in the record", was->table, was->id, was->time, next.time);
@@ -177,13 +180,58 @@ static bool is_later(const struct past *s, int64_t seq, apc_ns time)
     return seq > 0 && time >= s->until;
 }
 
+/* The next of a table that is to be looked for, from @p i on; n: there is none. */
+static size_t next_later(const struct past *s, enum apc_table table, const struct apc_sample *samples,
+                         size_t n, size_t i)
+{
+    while (i < n && (samples[i].table != table || !is_later(s, samples[i].seq, samples[i].time))) {
+        i++;
+    }
+    return i;
+}
+
+/* Those of a table whose row of the minute before is followed by the next one, at once. */
+static int find_at_once(struct past *s, enum apc_table table, struct apc_sample *samples, size_t n,
+                        struct apc_sample *some)
+{
+    size_t m = 0;
+    for (size_t i = next_later(s, table, samples, n, 0); i < n; i = next_later(s, table, samples, n, i + 1)) {
+        some[m++] = (struct apc_sample){.table = table, .id = samples[i].id};
+    }
+    int rc = m > 0 ? apc_store_enter(s->of, some, m) : 0;
+    if (rc == 0 && m > 0) {
+        rc = s->of->ops->newest_within(s->of, some, m, s->until - MINUTE, s->until);
+    }
+    m = 0;
+    for (size_t i = next_later(s, table, samples, n, 0); i < n && rc >= 0;
+         i = next_later(s, table, samples, n, i + 1)) {
+        samples[i] = some[m].seq > 0 ? some[m] : samples[i];
+        m++;
+    }
+    return rc;
+}
+
+/* Those of the samples that are too new are replaced by what was newest. */
+static int find_samples_then(struct past *s, struct apc_sample *samples, size_t n)
+{
+    const bool at_once = s->of->ops->newest_within && n > 0;
+    struct apc_sample *some = at_once ? (struct apc_sample *)calloc(n, sizeof *some) : NULL;
+    int rc = at_once && !some ? apc_fail(&s->of->why, APC_ENOMEM, "out of memory") : 0;
+    for (enum apc_table t = APC_SENSOR; t < APC_TABLE_END && some && rc >= 0; t++) {
+        rc = apc_table_shared(t) ? rc : find_at_once(s, t, samples, n, some);
+    }
+    for (size_t i = 0; i < n && rc >= 0; i++) {
+        rc = is_later(s, samples[i].seq, samples[i].time) ? find_sample_then(s, &samples[i]) : rc;
+    }
+    free(some);
+    return rc;
+}
+
 static int past_read(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct past *s = past_of(store);
     int rc = apc_store_read(s->of, samples, n);
-    for (size_t i = 0; i < n && rc >= 0; i++) {
-        rc = is_later(s, samples[i].seq, samples[i].time) ? find_sample_then(s, &samples[i]) : rc;
-    }
+    rc = rc < 0 ? rc : find_samples_then(s, samples, n);
     return answered(s, rc);
 }
 
@@ -191,10 +239,7 @@ static int past_read_rows(struct apc_store *store, struct apc_rows *rows)
 {
     struct past *s = past_of(store);
     int rc = apc_store_read_rows(s->of, rows);
-    for (size_t i = 0; i < rows->n_samples && rc >= 0; i++) {
-        struct apc_sample *sample = &rows->sample[i];
-        rc = is_later(s, sample->seq, sample->time) ? find_sample_then(s, sample) : rc;
-    }
+    rc = rc < 0 ? rc : find_samples_then(s, rows->sample, rows->n_samples);
     for (size_t i = 0; i < rows->n_vectors && rc >= 0; i++) {
         struct apc_vector *vector = &rows->vector[i];
         rc = is_later(s, vector->seq, vector->time) ? find_vector_then(s, vector) : rc;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The PostgreSQL store: history of samples, in bins too, and of vectors. Old weeks may be packed (pg_pack.c):
+ * The PostgreSQL store: history of samples, in bins too, of many at once, and of vectors. Old weeks may be packed (pg_pack.c):
  * a chunk of up to APC_PACK_MAX samples comes as one row among the others, in the order of seq, and is
  * unpacked here. The seqs of a chunk follow each other without a gap, so chunks of a variable never overlap;
  * but a row that came late may lie within one. One statement reads both, so that what is being packed
@@ -258,6 +258,117 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     return apc_pg_stream(&s, text_for(range, text->history, text->history_last, text->history_then), &p);
 }
 
+/* What begins at t holds whole microseconds only: those from the next whole one on. */
+static int64_t pg_edge(apc_ns t)
+{
+    return t > INT64_MAX - 999 ? INT64_MAX : apc_pg_time(t + 999);
+}
+
+/* ---- Many variables at once ---------------------------------------------------------------- */
+
+#define DAY (24 * HOUR)
+
+/* A negative seq: the next one has not been seen. */
+struct within {
+    struct apc_pg_stream s; /* the first member: the stream's row function has it */
+    struct apc_sample *sample;
+    size_t n;
+    apc_ns since, until;
+    struct apc_pack *chunk; /* room for one */
+};
+
+static void take_candidate(struct within *w, const struct apc_sample *row, bool followed)
+{
+    for (size_t i = 0; i < w->n; i++) {
+        struct apc_sample *best = &w->sample[i];
+        if (best->id == row->id && row->seq > llabs(best->seq)) {
+            *best = *row;
+            best->seq = followed ? row->seq : -row->seq;
+        }
+    }
+}
+
+/* The highest seq of a chunk within the times. */
+static int take_from_chunk(struct within *w, const PGresult *result, int row, int id)
+{
+    struct apc_pack *chunk = w->chunk;
+    const int err = pg_take_chunk(w->s.pg, result, row, 6, chunk);
+    if (!err) {
+        chunk->first = apc_pg_cell(result, row, 0) - (int64_t)chunk->n + 1;
+    }
+    for (size_t i = err ? 0 : chunk->n; i-- > 0;) {
+        const struct apc_sample sample = chunk_sample(chunk, i, w->s.table, id);
+        if (sample.time >= w->since && sample.time < w->until) {
+            take_candidate(w, &sample, i + 1 < chunk->n);
+            break;
+        }
+    }
+    return err;
+}
+
+static int take_row_within(struct apc_pg_stream *s, const PGresult *result, int row)
+{
+    struct within *w = (struct within *)s;
+    const int id = (int)apc_pg_cell(result, row, 7);
+    if (!PQgetisnull(result, row, 6)) {
+        return take_from_chunk(w, result, row, id);
+    }
+    struct apc_sample sample = row_sample(s, result, row);
+    sample.id = id;
+    take_candidate(w, &sample, apc_pg_cell(result, row, 8) > 0);
+    return 0;
+}
+
+static int ask_within(struct within *w, const char *text)
+{
+    struct apc_pg *pg = w->s.pg;
+    struct apc_pg_array *ids = &pg->columns[0];
+    struct apc_pg_params p = {0};
+    struct apc_pg_bounds b;
+    char day[8];
+    if (apc_pg_array_begin(ids, APC_PG_INT4, w->n) != 0) {
+        return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu samples", w->n);
+    }
+    for (size_t i = 0; i < w->n; i++) {
+        apc_pg_array_int4(ids, w->sample[i].id);
+        w->sample[i].seq = 0;
+    }
+    apc_pg_put_int8(b.since, pg_edge(w->since));
+    apc_pg_put_int8(b.until, pg_edge(w->until));
+    apc_pg_put_int8(day, pg_edge(w->until + DAY));
+    apc_pg_param(&p, ids->data, ids->length);
+    apc_pg_param(&p, b.since, sizeof b.since);
+    apc_pg_param(&p, b.until, sizeof b.until);
+    apc_pg_param(&p, day, sizeof day);
+    return apc_pg_stream(&w->s, text, &p);
+}
+
+int apc_pg_newest_within(struct apc_store *store, struct apc_sample *samples, size_t n, apc_ns since,
+                         apc_ns until)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    const enum apc_table table = samples[0].table;
+    const struct apc_pg_text *text = apc_pg_text_of(pg, table);
+    struct within w = {.s = {.pg = pg, .row = take_row_within, .columns = 9, .large = true, .table = table},
+                       .sample = samples,
+                       .n = n,
+                       .since = since,
+                       .until = until};
+    int chunks = !text ? APC_ESCHEMA : text->merged ? apc_pg_begin(pg) : 0;
+    chunks = chunks == 0 && text->merged ? apc_pg_has_chunks(pg) : chunks;
+    if (chunks > 0) {
+        w.chunk = (struct apc_pack *)malloc(sizeof *w.chunk);
+        chunks =
+            w.chunk ? chunks : apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for a chunk of samples");
+    }
+    const int rc = chunks < 0 ? chunks : ask_within(&w, chunks > 0 ? text->merged_within : text->within);
+    for (size_t i = 0; i < n; i++) {
+        samples[i].seq = rc < 0 || samples[i].seq < 0 ? 0 : samples[i].seq;
+    }
+    free(w.chunk);
+    return rc < 0 ? rc : 0;
+}
+
 /* ---- Vectors ------------------------------------------------------------------------------- */
 
 static int pg_give_vector(struct apc_pg_stream *s, const PGresult *result, int row)
@@ -312,12 +423,6 @@ int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const 
 }
 
 /* ---- Samples in bins ----------------------------------------------------------------------- */
-
-/* A bin that begins at t holds whole microseconds only: those from the next whole one on. */
-static int64_t pg_edge(apc_ns t)
-{
-    return t > INT64_MAX - 999 ? INT64_MAX : apc_pg_time(t + 999);
-}
 
 struct binned {
     struct apc_pg_stream s; /* the first member: the stream's row function has it */

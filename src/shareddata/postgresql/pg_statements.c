@@ -76,6 +76,23 @@
             "AND seq > $4::int8 ORDER BY seq DESC LIMIT $5::int8) AS newest ORDER BY seq"
 
 /*
+ * $1 ids. Of each, its row of the highest seq with $2 <= time < $3, and whether the next seq is there, up to $4:
+ * the times are gone through once for all of them, and no key is.
+ */
+#define WITHIN(table)                                                                                        \
+    DECLARE "WITH found AS MATERIALIZED (SELECT DISTINCT ON (id) id, seq, time, status, value" MORE          \
+            " FROM " table " WHERE id + 0 = ANY ($1::int4[]) AND time >= $2::timestamptz "                   \
+            "AND time < $3::timestamptz ORDER BY id, seq DESC) "                                             \
+            "SELECT seq, time, status, value" MORE ", NULL::bytea AS data, id::int8, "                       \
+            "(SELECT count(*) FROM " table " AS next WHERE next.id = found.id AND next.seq = found.seq + 1 " \
+            "AND next.time >= $2::timestamptz AND next.time < $4::timestamptz) FROM found"
+/* Of each, the last chunk that reaches into these times. */
+#define WITHIN_CHUNKS(table)                                                                                 \
+    " UNION ALL SELECT last, NULL, NULL, NULL, NULL, NULL, data, id, 0 FROM (SELECT DISTINCT ON (id) "       \
+    "id, last, data FROM " table "_packed WHERE id = ANY ($1::int4[]) AND until >= $2::timestamptz "         \
+    "AND since < $3::timestamptz ORDER BY id, last DESC) AS chunk"
+
+/*
  * $4 where each bin begins, in order. Bad is a status from 2^31 on. The last value comes by its key, for an
  * aggregate of it would hold or sort all rows; the bin's times tell in which partitions it can be.
  */
@@ -140,12 +157,14 @@
     .repeat = REPEAT(table) as_is, .put = PUT(table, MORE, ", $5::int8[], $6::int8[]") " RETURNING id, seq", \
     .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, MORE),                               \
     .history_last = HISTORY_LAST(table, MORE, "id"), .history_then = HISTORY_LAST(table, MORE, "id + 0"),    \
-    .paper_read = READ("apc." table, ""), .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
+    .within = WITHIN(table), .paper_read = READ("apc." table, ""),                                           \
+    .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
 
 #define NUMBERS(table) ROWS_OF(table, "")
 #define PACKED(table)                                                                                        \
     .merged = MERGED(table, "first", "id"), .merged_last = MERGED(table, "last", "id") " DESC",              \
-    .merged_then = MERGED(table, "last", "id + 0") " DESC", .merged_bins = BINS(table) ADD_CHUNKS(table)
+    .merged_then = MERGED(table, "last", "id + 0") " DESC", .merged_bins = BINS(table) ADD_CHUNKS(table),    \
+    .merged_within = WITHIN(table) WITHIN_CHUNKS(table)
 #define SHARED_OF(table, as_is) ROWS_OF(table, as_is), .place_name = "place_" table, .place = PLACE(table)
 #define SHARED(table)           SHARED_OF(table, "")
 

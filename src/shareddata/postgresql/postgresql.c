@@ -61,7 +61,8 @@ static int pg_connect(struct apc_store *store)
         .scheme = word, .spreads = true, .open = pg_open, .close = pg_close, .connected = pg_connected,      \
         .connect = pg_connect, .version = pg_version, .read = apc_pg_read, .append = apc_pg_append,          \
         .put = apc_pg_put, .swap = apc_pg_swap, .wait = apc_pg_wait, .variables = apc_pg_variables,          \
-        .history = apc_pg_history, .history_bins = apc_pg_history_bins, .get_tags = apc_pg_get_tags,         \
+        .history = apc_pg_history, .history_bins = apc_pg_history_bins,                                      \
+        .newest_within = apc_pg_newest_within, .get_tags = apc_pg_get_tags,                                  \
         .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \
         .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .read_rows = apc_pg_read_rows,       \
         .append_rows = apc_pg_append_rows, .vectors = apc_pg_vectors, .claim_set = apc_pg_claim_set,         \

@@ -66,8 +66,9 @@ struct apc_pg_text {
     const char *history, *history_last; /* declares cursor "rows" */
     const char *history_then;           /* likewise; the last of long ago */
     const char *bins;                   /* likewise */
+    const char *within;                 /* likewise; the last of many variables at once. Not of vectors */
     const char *merged, *merged_last, *merged_bins; /* the same with chunks; NULL: it is never packed */
-    const char *merged_then;                        /* likewise */
+    const char *merged_then, *merged_within;        /* likewise */
     const char *paper_read, *paper_put;             /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
@@ -304,6 +305,8 @@ int apc_pg_has_chunks(struct apc_pg *pg);
 int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
+int apc_pg_newest_within(struct apc_store *store, struct apc_sample *samples, size_t n, apc_ns since,
+                         apc_ns until);
 int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx);
 int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);

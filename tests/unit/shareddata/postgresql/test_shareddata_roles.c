@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* sql/roles.sql: what each kind of program may do, and that it may do nothing else. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "roles_rig.h"
@@ -512,6 +513,38 @@ static void test_nobody_updates_deletes_or_makes_tables(void **state)
     }
 }
 
+static int keep_none(void *ctx, const struct apc_sample *row)
+{
+    (void)ctx, (void)row;
+    return 0;
+}
+
+static void test_who_may_not_see_a_variable_does_not_see_its_past(void **state)
+{
+    (void)state;
+    cluster_query(cluster,
+                  "INSERT INTO apc.actuator (id, seq, time, status, value) SELECT 91, s, now() - "
+                  "interval '2 hours' + s * interval '20 seconds', 0, s FROM generate_series(1, 9) AS s");
+    cluster_query(cluster,
+                  "INSERT INTO apc.sensor (id, seq, time, status, value) SELECT id, seq, time, status, "
+                  "value FROM apc.actuator WHERE id = 91");
+    const char *const time = cluster_query(
+        cluster,
+        "SELECT (extract(epoch FROM time) * 1e6)::bigint FROM apc.actuator WHERE id = 91 AND seq = 4");
+    const apc_ns at = strtoll(time, NULL, 10) * 1000 + APC_NS_PER_S;
+    struct apc_store *store = open_as("client"), *past = NULL;
+    struct apc_sample seen = {.table = APC_ACTUATOR, .id = 91}, hidden = {.table = APC_SENSOR, .id = 91};
+    assert_int_equal(apc_store_past(&past, store, at, NULL), 0);
+    assert_int_equal(apc_store_read(past, &seen, 1), 0);
+    assert_int_equal(seen.seq, 4);
+    assert_int_equal(apc_store_read(past, &hidden, 1), APC_EPERM);
+    assert_int_equal(hidden.seq, 0);
+    assert_non_null(strstr(apc_store_error(past), "sensor"));
+    assert_int_equal(apc_store_history(past, APC_SENSOR, 91, NULL, keep_none, NULL), APC_EPERM);
+    apc_store_close(past);
+    apc_store_close(store);
+}
+
 static void test_a_user_without_a_role_is_told_so(void **state)
 {
     (void)state;
@@ -540,6 +573,7 @@ int main(void)
         cmocka_unit_test(test_a_claim_is_refused_by_name_across_roles),
         cmocka_unit_test(test_claims_of_a_session_that_is_gone_are_not_those_of_a_later_one_of_its_number),
         cmocka_unit_test(test_nobody_updates_deletes_or_makes_tables),
+        cmocka_unit_test(test_who_may_not_see_a_variable_does_not_see_its_past),
         cmocka_unit_test(test_a_user_without_a_role_is_told_so),
     };
     cluster = cluster_start();
