@@ -142,6 +142,7 @@ export const de = {
   "past.which": "welche der beiden",
   "past.go": "Hin",
   "past.noTime": "Das ist kein Datum mit Uhrzeit.",
+  "past.noInstant": "„{text}“ in der Adresse ist kein Zeitpunkt wie 2026-01-31T03:12:00Z: Dies ist jetzt.",
   "past.future": "Diese Zeit kommt erst noch: Es gibt keine Aufzeichnung von ihr.",
   "past.before": "Zu dieser Zeit war noch nichts aufgezeichnet.",
   "past.failed": "Nicht gezeigt: {why}",

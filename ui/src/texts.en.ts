@@ -141,6 +141,7 @@ export const en = {
   "past.which": "which of the two",
   "past.go": "Go",
   "past.noTime": "That is no date and time.",
+  "past.noInstant": "\"{text}\" in the address is no instant, as 2026-01-31T03:12:00Z: this is now.",
   "past.future": "That time is still to come: there is no record of it.",
   "past.before": "At that time nothing was on record yet.",
   "past.failed": "Not shown: {why}",

@@ -13,7 +13,7 @@ import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
 import {trajectoryRows, trajectorySeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/prediction";
-import {pages, path, placeOf} from "../src/core/place";
+import {instantOf, pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place, multiples, steps} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, stoodAt, trim, valueAt, visible} from "../src/core/series";
@@ -448,6 +448,12 @@ test("any link gives a place", () => {
   for (const hash of ["#nonsense/3", "#__proto__"]) assert.deepEqual(placeOf(hash), {page: "overview", about: null, nonsense: hash.slice(1).split("/")[0]});
   for (const page of pages) assert.deepEqual(placeOf(path(page, "a/b %")), {page, about: "a/b %"});
   assert.deepEqual(placeOf(path("events")), {page: "events", about: null});
+  assert.deepEqual(placeOf("#trend/pens=y,r?at=2026-01-31T03:12:00Z"), {page: "trend", about: "pens=y,r", at: "2026-01-31T03:12:00Z"});
+  assert.deepEqual(placeOf("#/trend?at=yester%20day"), {page: "trend", about: null, at: "yester day"});
+  assert.deepEqual(placeOf(path("loop", "a?at=b")), {page: "loop", about: "a?at=b"});
+  for (const text of ["", "now", "2026-02-31T03:12:00Z", "2026-01-31T03:12:00", "2026-01-31 03:12:00Z", "2026-01-31T25:12Z", "2026-01-31T03:12:00.1234567Z"]) assert.equal(instantOf(text), null, text);
+  assert.equal(instantOf("2026-01-31T03:12Z"), 1769829120);
+  assert.equal(instantOf("2026-01-31T03:12:00.250001Z"), 1769829120.250001);
 });
 
 const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});

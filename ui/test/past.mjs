@@ -101,6 +101,46 @@ test("an operator goes to the alarm before, sees what stood then, cannot write, 
   await page.context().close();
 });
 
+// Promise(page/past-address): The address of the page holds the instant, so a link, a reload and the browser's back lead there.
+test("a link to an instant opens it, back and forward lead out of it and in again", PATIENCE, async () => {
+  const at = (await api("/api/state")).t - 5;
+  const told = `${new Date(Math.floor(at) * 1000).toISOString().slice(0, 19)}Z`;
+  const [page, link] = [await open(browser, "loop"), `loop?at=${told}`];
+  const isNow = () => until("it is now", async () => (await page.locator(".past-top").count()) === 0);
+  const isThen = () => until("it is then", async () => (await instant(page)) === Math.floor(at));
+  const address = () => page.evaluate(() => location.hash.slice(1));
+
+  await page.evaluate(where => (location.hash = where), link);
+  await isThen();
+  await page.getByRole("link", {name: "Alarms"}).first().click();
+  await until("the link to another page stays there", async () => (await address()) === `alarms?at=${told}`);
+  await isThen();
+  await page.goBack();
+  await until("it is the loop again", async () => (await address()) === link);
+  await page.reload();
+  await isThen();
+  await page.goBack();
+  await isNow();
+  assert.equal(await address(), "loop");
+  await page.goForward();
+  await isThen();
+  await page.locator("main").focus();
+  await page.keyboard.press("Escape");
+  await isNow();
+  assert.equal(await address(), "loop");
+  await page.goBack();
+  await isThen();
+
+  await page.getByLabel("date and time").fill("2001-01-01T00:00:01");
+  await page.getByRole("button", {name: "Go", exact: true}).click();
+  await until("the address follows", async () => (await address()) === "loop?at=2001-01-01T00:00:01Z");
+  await page.evaluate(() => (location.hash = "loop?at=yesterday"));
+  await page.getByText('"yesterday" in the address is no instant').waitFor();
+  await isNow();
+  assert.deepEqual(page.complaints, []);
+  await page.context().close();
+});
+
 for (const colorScheme of ["light", "dark"])
   for (const width of [1280, 400])
     // Promise(page/page-accessible-screen)

@@ -6,6 +6,7 @@ export interface Place {
   page: Page;
   about: string | null;
   nonsense?: string; // what a link calls a page, and is none
+  at?: string; // of the past
 }
 
 function decoded(text: string): string {
@@ -18,11 +19,20 @@ function decoded(text: string): string {
 
 /** Of what stands behind the # of a link. */
 export function placeOf(hash: string): Place {
-  const [page = "", ...rest] = hash.replace(/^#\/?/, "").split("/");
+  const [where = "", at] = hash.replace(/^#\/?/, "").split("?at=");
+  const [page = "", ...rest] = where.split("/");
   const known = pages.find(one => one === page);
   const about = rest.join("/");
-  if (!known) return {page: "overview", about: null, ...(page === "" ? {} : {nonsense: decoded(page)})};
-  return {page: known, about: about === "" ? null : decoded(about)};
+  const then = at == null ? {} : {at: decoded(at)};
+  if (!known) return {page: "overview", about: null, ...(page === "" ? {} : {nonsense: decoded(page)}), ...then};
+  return {page: known, about: about === "" ? null : decoded(about), ...then};
+}
+
+/** Of the past in a link, Unix s; null: the text is no instant. */
+export function instantOf(text: string): number | null {
+  const [, whole = "", fraction = ""] = /^(\d{4}-\d\d-\d\dT\d\d:\d\d(?::\d\d)?)(\.\d{1,6})?Z$/.exec(text) ?? [];
+  const date = new Date(`${whole}Z`);
+  return isNaN(date.getTime()) || !date.toISOString().startsWith(whole) ? null : date.getTime() / 1000 + Number(`0${fraction}`);
 }
 
 export function path(page: Page, about?: string | number | null): string {
