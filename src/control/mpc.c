@@ -492,46 +492,27 @@ static bool mpc_accepts(const struct apc_dim *dim)
     return dim->nz >= 1 && dim->nz <= dim->ny;
 }
 
+/* What both laws have. */
+#define PREDICTIVE_LAW                                                                                       \
+    .abi = APC_LAW_ABI, .whole = true, .estimates = true, .n_tuning = N_OF_U + N_OF_Y, .tuning = tuning,     \
+    .scope = scope, .accepts = mpc_accepts, .reset = mpc_reset, .compute = mpc_compute,                      \
+    .update = mpc_update, .track = mpc_track, .ports = mpc_ports, .destroy = apc_mpc_unmake,                 \
+    .check = mpc_check_tuning
+
 const struct apc_law apc_law_mpc = {
-    .abi = APC_LAW_ABI,
+    PREDICTIVE_LAW,
     .version = 3,
     .name = "mpc",
     .description = "linear predictive control of all outputs together, with limits, ranges and ranks",
-    .whole = true,
-    .estimates = true,
-    .n_tuning = N_OF_U + N_OF_Y,
-    .tuning = tuning,
-    .scope = scope,
-    .accepts = mpc_accepts,
-    .reset = mpc_reset,
-    .compute = mpc_compute,
-    .update = mpc_update,
-    .track = mpc_track,
     .settings = apc_mpc_settings,
-    .ports = mpc_ports,
     .create = apc_mpc_make,
-    .destroy = apc_mpc_unmake,
-    .check = mpc_check_tuning,
 };
 
 const struct apc_law apc_law_nmpc = {
-    .abi = APC_LAW_ABI,
+    PREDICTIVE_LAW,
     .version = 2,
     .name = "nmpc",
     .description = "nonlinear predictive control: as mpc, with the plant's own equations",
-    .whole = true,
-    .estimates = true,
-    .n_tuning = N_OF_U + N_OF_Y,
-    .tuning = tuning,
-    .scope = scope,
-    .accepts = mpc_accepts,
-    .reset = mpc_reset,
-    .compute = mpc_compute,
-    .update = mpc_update,
-    .track = mpc_track,
     .settings = apc_nmpc_settings,
-    .ports = mpc_ports,
     .create = apc_nmpc_make,
-    .destroy = apc_mpc_unmake,
-    .check = mpc_check_tuning,
 };
