@@ -152,14 +152,23 @@ int apc_sqlite_append_rows(struct apc_store *store, const struct apc_rows *rows)
 
 /* ---- History -------------------------------------------------------------------------------- */
 
+/* Elements of rows that follow each other in the block at hand, read ahead in one transaction. */
 struct given {
     apc_vector_fn fn;
     void *ctx;
+    struct {
+        size_t first;
+        uint32_t n;
+        bool there; /* false: it has just been dropped */
+    } ahead[APC_SQLITE_BLOCK];
+    const struct apc_sqlite_row *row; /* of the first of them */
+    int64_t block;                    /* its seq */
+    size_t n, most;                   /* so many are read; the next time so many at most */
     double *value;
-    uint32_t room;
+    size_t used, room;
 };
 
-/* The @p n elements of a row: 1, 0 when it has just been dropped, or an error. */
+/* The elements of a row behind those that are there: 1, 0 when it has just been dropped, or an error. */
 static int fetch_elements(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct given *g,
                           uint32_t *n)
 {
@@ -176,40 +185,70 @@ static int fetch_elements(struct apc_sqlite *sq, const struct apc_sqlite_row *ro
         return 0;
     }
     const uint32_t need = (uint32_t)sqlite3_column_bytes(statement, 5) / 8;
-    if (need > g->room) {
-        double *value = (double *)realloc(g->value, need * sizeof *value);
+    if (g->used + need > g->room) {
+        double *value = (double *)realloc(g->value, (g->used + need) * sizeof *value);
         if (value) {
             g->value = value;
-            g->room = need;
+            g->room = g->used + need;
         }
     }
-    found = need > g->room ? apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for a vector of %u", need)
-                           : decode(sq, statement, 5, g->value, g->room);
+    found = g->used + need > g->room
+                ? apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for a vector of %u", need)
+                : decode(sq, statement, 5, g->value + g->used, need);
     sqlite3_reset(statement);
     *n = need;
     return found < 0 ? found : 1;
+}
+
+/* From @p row on: of each that is asked for the next time twice as many, so that who wants one reads one. */
+static int read_ahead(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct given *g)
+{
+    const struct apc_sqlite_loaded *l = &sq->loaded;
+    const size_t left = l->n - (size_t)(row - l->rows);
+    int found = apc_sqlite_enter_begin(sq, APC_SQLITE_READ);
+    if (found) {
+        return found;
+    }
+    g->row = row;
+    g->block = l->block.seq;
+    g->n = g->used = 0;
+    g->most = g->most > 0 ? 2 * g->most : 1;
+    g->most = g->most < APC_SQLITE_BLOCK ? g->most : APC_SQLITE_BLOCK;
+    for (size_t i = 0; i < left && i < g->most && found >= 0; i++) {
+        uint32_t n = 0;
+        found = fetch_elements(sq, row + i, g, &n);
+        g->ahead[i].first = g->used;
+        g->ahead[i].n = n;
+        g->ahead[i].there = found > 0;
+        g->used += n;
+        g->n++;
+    }
+    found = apc_sqlite_end(sq, found);
+    return found < 0 ? found : 0;
 }
 
 static int sqlite_give_vector(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
 {
     struct given *g = (struct given *)ctx;
     const struct apc_sample s = row->sample;
-    uint32_t n = 0;
-    int found = apc_sqlite_enter_begin(sq, APC_SQLITE_READ);
-    if (found == 0) {
-        found = apc_sqlite_end(sq, fetch_elements(sq, row, g, &n));
+    if (!g->row || g->block != sq->loaded.block.seq || row < g->row || (size_t)(row - g->row) >= g->n) {
+        const int err = read_ahead(sq, row, g);
+        if (err) {
+            return err;
+        }
     }
-    if (found <= 0) {
-        return found < 0 ? found : 1;
+    const size_t i = (size_t)(row - g->row);
+    if (!g->ahead[i].there) {
+        return 1;
     }
     const struct apc_vector v = {.table = s.table,
                                  .id = s.id,
                                  .seq = s.seq,
                                  .time = s.time,
                                  .status = s.status,
-                                 .n = n,
-                                 .room = n,
-                                 .value = g->value};
+                                 .n = g->ahead[i].n,
+                                 .room = g->ahead[i].n,
+                                 .value = g->value + g->ahead[i].first};
     sq->base.streaming = true;
     const int ended = g->fn(g->ctx, &v);
     sq->base.streaming = false;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* A run is simulated, kept in a folder, and repeated from there: all of each tick comes out again. */
+#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +17,7 @@
 
 static struct replay replay;
 static struct apc_error why;
+static const char *own_law, *own_duration, *own_tuning; /* instead of those of the file; NULL: none is */
 
 /* ---- Runs --------------------------------------------------------------------------------- */
 
@@ -35,12 +37,25 @@ static char *text_of(const char *name, const char *more)
     return text;
 }
 
+static char *change_setting(char *text, const char *path, const char *value)
+{
+    char *changed = NULL;
+    if (experiment_change(text, path, value, &changed, &why) < 0)
+        fail_msg("%s: %s", path, why.text);
+    free(text);
+    return changed;
+}
+
 /* Simulate it; from @p from to @p until the laws have no time, and are late if they ask for it. */
 static void make_run(const char *name, const char *more, const char *net, double from, double until)
 {
     struct experiment e;
     struct simulation s;
     char *text = text_of(name, more);
+    if (own_law)
+        text = change_setting(change_setting(text, "controller.law", own_law), "duration", own_duration);
+    if (own_law && own_tuning)
+        text = change_setting(text, "controller.tuning", own_tuning);
     scratch_write("run.conf", text);
     free(text);
     if (experiment_load(&e, scratch_path("run.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
@@ -87,6 +102,7 @@ static void assert_exact(const char *name)
 static int end(void **state)
 {
     (void)state;
+    own_law = NULL;
     replay_free(&replay);
     memset(&replay, 0, sizeof replay);
     return 0;
@@ -230,6 +246,52 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
     assert_has(base->figures.first, "tuning.1 seq 1 is not on record");
 }
 
+/*
+ * Promise(simulation/every-tick-mutants): A law whose output, or one of whose parameters, is another in its last bit is
+ *   found by a replay of its record.
+ */
+static void a_law_that_differs_in_one_bit_is_found(void **state)
+{
+    static const struct {
+        const char *law, *name, *duration, *tuning;
+    } of[] = {
+        {"\"pi\"", "first-order", "200.0", NULL},
+        {"\"pid\"", "quadruple-tank", "100.0", NULL},
+        {"\"lqg\"", "van-de-vusse", "3000.0", NULL},
+        {"\"mpc\"", "quadruple-tank-mpc", "100.0", NULL},
+        {"\"nmpc\"", "adiabatic-cstr-nmpc", "200.0", NULL},
+        {"\"" APC_EXAMPLES_DIR "/mylaw.so\"", "first-order", "200.0", "( { Kp = 0.2; tau_i = 10.0; } )"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        own_law = of[i].law;
+        own_duration = of[i].duration;
+        own_tuning = of[i].tuning;
+        make_run(of[i].name, "", "", 0, 0);
+        load();
+        const struct replay_controller *c = replay.controller;
+        run();
+        assert_exact(of[i].law);
+        const size_t u = c->core->offset[APC_TICK_U], n = c->ticks.n, k = n / 2;
+        load();
+        c = replay.controller;
+        double *output = &c->ticks.value[c->ticks.at[k].first + u];
+        *output = nextafter(*output, HUGE_VAL);
+        run();
+        assert_has(c->figures.first, " u was ");
+        assert_true(c->figures.same < n && c->figures.same + 3 > n);
+        load();
+        c = replay.controller;
+        size_t tunings = 0;
+        for (size_t q = 0; q < replay.samples.n && tunings == 0; q++)
+            if (replay.samples.at[q].table == APC_TUNING && (tunings = 1))
+                replay.samples.at[q].value = nextafter(replay.samples.at[q].value, HUGE_VAL);
+        assert_int_equal(tunings, 1);
+        run();
+        assert_has(c->figures.first, "tick 0 ");
+        assert_int_equal(c->figures.same, 0);
+    }
+}
+
 /* Promise(simulation/every-tick-every) */
 static void in_virtual_time_the_first_tick_that_differs_is_named(void **state)
 {
@@ -298,6 +360,7 @@ int main(void)
         cmocka_unit_test_teardown(every_tick_comes_out_again_whatever_happened, end),
         cmocka_unit_test_teardown(a_law_that_was_late_is_late_again, end),
         cmocka_unit_test_teardown(the_first_tick_that_differs_is_named_with_its_cause, end),
+        cmocka_unit_test_teardown(a_law_that_differs_in_one_bit_is_found, end),
         cmocka_unit_test_teardown(in_virtual_time_the_first_tick_that_differs_is_named, end),
         cmocka_unit_test_teardown(a_folder_without_ticks_is_of_a_former_version, end),
         cmocka_unit_test_teardown(a_disk_that_stalls_is_waited_for, end),
