@@ -135,6 +135,9 @@ const char *health_words(enum health_verdict verdict); /* what it means, and wha
  * without, and how well its predictions came true.
  */
 
+/* Measurements, and periods of the controller, in service and out of it, from which on the two are compared. */
+#define KPIS_LEAST 50
+
 /* Shares are of the window, 0 to 1. NAN: there is no such figure. */
 struct kpis_loop {
     char name[APC_TAG_LEN];

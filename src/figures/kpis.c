@@ -35,12 +35,18 @@ static double standard_deviation(const struct spread *s)
     return s->n > 1 ? sqrt(s->sum / (s->n - 1)) : none;
 }
 
+/* Of a moment it says nothing that another one may be compared with. */
+static bool spread_tells(const struct spread *s, double seconds, apc_ns period)
+{
+    return s->n >= KPIS_LEAST && seconds >= KPIS_LEAST * apc_ns_to_s(period);
+}
+
 /* ---- Loops -------------------------------------------------------------------------------- */
 
 /* What is known of a loop while its rows pass by in order of time. */
 struct watch {
     const struct loops_loop *loop;
-    apc_ns from, until, patience;
+    apc_ns from, until, period, patience;
     apc_ns t;                   /* all before it is counted */
     apc_ns fresh_until;         /* of the newest output row */
     double setpoint;            /* NAN: none yet */
@@ -137,7 +143,9 @@ static struct kpis_loop kpis_of_loop(const struct watch *w)
     m.id = w->loop->id;
     if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
         m.without = none;
-    m.benefit = m.without > 0 ? 1 - m.with / m.without : none;
+    const bool both = spread_tells(&w->with, w->service, w->period) &&
+                      spread_tells(&w->without, whole - w->service, w->period);
+    m.benefit = both && m.without > 0 ? 1 - m.with / m.without : none;
     return m;
 }
 
@@ -150,6 +158,7 @@ static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t 
                       .from = s->from,
                       .until = s->until,
                       .t = s->from,
+                      .period = period,
                       .patience = row_patience(period),
                       .setpoint = none,
                       .measurement = none,

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "print_kpis.h"
 
+#include <math.h>
+
 #include "print.h"
 
 static int print_loops(const struct kpis *m, FILE *out)
@@ -13,6 +15,7 @@ static int print_loops(const struct kpis *m, FILE *out)
                                                   {"SD out of service", PRINT_POINT},
                                                   {"SD reduction %", PRINT_POINT}};
     struct print_table table;
+    bool short_of = false;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < m->n_loops; i++) {
         const struct kpis_loop *l = &m->loop[i];
@@ -23,8 +26,15 @@ static int print_loops(const struct kpis *m, FILE *out)
         print_number(&table, 4, l->with);
         print_number(&table, 4, l->without);
         print_number(&table, 4, 100 * l->benefit);
+        short_of |= isnan(l->benefit) && !isnan(l->with) && !isnan(l->without);
     }
-    return print_table_end(&table, out, false, 0);
+    const int rc = print_table_end(&table, out, false, 0);
+    if (rc == 0 && short_of)
+        fprintf(out,
+                "No SD reduction: the loop must be in service, and out of it, for at least %d controller "
+                "periods, with as many measurements.\n",
+                KPIS_LEAST);
+    return rc;
 }
 
 static int print_predictions(const struct kpis *m, FILE *out)

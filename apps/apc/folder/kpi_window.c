@@ -69,11 +69,15 @@ int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, d
         rc = open_published(&s.published, dir, why);
     if (rc == 0)
         rc = take_window_time(from, 0, "from", &s.from, why);
+    const apc_ns end = process.n > 0 ? process.at[process.n - 1].time + 1 : 0;
     if (rc == 0)
-        rc = take_window_time(until, process.n > 0 ? process.at[process.n - 1].time + 1 : 0, "to", &s.until,
-                              why);
+        rc = take_window_time(until, end, "to", &s.until, why);
+    if (rc == 0 && s.from >= (s.until < end ? s.until : end))
+        rc = apc_fail(why, APC_EINVAL, "the window is empty: from %g s to %g s of a record that ends at %g s",
+                      apc_ns_to_s(s.from), apc_ns_to_s(s.until), apc_ns_to_s(end));
+    s.until = s.until < end ? s.until : end; /* what is not on record is no time out of service */
     if (rc == 0)
-        rc = s.from < s.until ? make_window_kpis(m, &s, e, why) : nothing_recorded(why);
+        rc = make_window_kpis(m, &s, e, why);
     apc_store_close(s.published);
     samples_free(&operation);
     samples_free(&process);

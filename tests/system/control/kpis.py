@@ -65,7 +65,9 @@ for i, loop in enumerate(kpis["loops"], 1):
     deviation = {where: statistics.stdev(e) if len(e) > 1 else None for where, e in errors.items()}
     near(f"{loop['loop']} deviation in service", loop["sd_in_service"], deviation[True])
     near(f"{loop['loop']} deviation without", loop["sd_without"], deviation[False])
-    near(f"{loop['loop']} benefit", loop["benefit"], 1 - deviation[True] / deviation[False] if deviation[False] else None)
+    served = sum(b - a for a, b in spans if in_service(a))
+    long = all(len(errors[where]) >= 50 and time >= 50 * period for where, time in ((True, served), (False, end - start - served)))
+    near(f"{loop['loop']} benefit", loop["benefit"], 1 - deviation[True] / deviation[False] if long and deviation[False] else None)
 
 store = sqlite3.connect(f"file:{run}/ticks.db?mode=ro", uri=True)
 epoch = store.execute("SELECT min(time) FROM sample").fetchone()[0]

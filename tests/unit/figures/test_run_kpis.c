@@ -127,27 +127,31 @@ static void time_in_service_is_that_of_the_laws_own_answers(void **state)
 /* Promise(incoming): Figures leave out what is Bad. */
 static void deviations_with_and_without_service_are_those_by_hand(void **state)
 {
-    static const double without[] = {3, -3, 3, -3, 3, -3, 3, -3}, with[] = {1, -1, 1, -1, 1, -1, 1, -1};
     (void)state;
     mode(0, APC_MODE_MAN, APC_GOOD);
-    mode(8, APC_MODE_AUTO, APC_GOOD);
+    mode(100, APC_MODE_AUTO, APC_GOOD);
     row(&process, 0, APC_SENSOR, 1, APC_GOOD, 99.0); /* no setpoint yet: no error */
     row(&process, 0, APC_SETPOINT, 1, APC_GOOD, 10.0);
-    for (int t = 0; t < 16; t++) {
+    for (int t = 0; t < 200; t++) {
+        const double error = (t < 100 ? 3 : 1) * (t % 2 ? -1 : 1);
         if (t % 2 == 0)
             output(t, APC_GOOD);
-        if (t == 12)
-            row(&process, 12, APC_SETPOINT, 1, APC_GOOD, 20.0);
-        row(&process, t + 0.5, APC_SENSOR, 1, APC_GOOD,
-            t < 8 ? 10 + without[t] : (t < 12 ? 10 : 20) + with[t - 8]);
+        if (t == 150)
+            row(&process, 150, APC_SETPOINT, 1, APC_GOOD, 20.0);
+        row(&process, t + 0.5, APC_SENSOR, 1, APC_GOOD, (t < 150 ? 10 : 20) + error);
         row(&process, t + 0.7, APC_SENSOR, 1, APC_BAD, 1e6);
     }
-    make(0, 16);
-    assert_near(m.loop[0].without, 3 * sqrt(8.0 / 7), 1e-12);
-    assert_near(m.loop[0].with, sqrt(8.0 / 7), 1e-12);
+    make(0, 200);
+    assert_near(m.loop[0].without, 3 * sqrt(100.0 / 99), 1e-12);
+    assert_near(m.loop[0].with, sqrt(100.0 / 99), 1e-12);
     assert_near(m.loop[0].benefit, 2.0 / 3, 1e-12);
-    make(8, 16);
+    make(100, 200);
     assert_true(isnan(m.loop[0].without) && isnan(m.loop[0].benefit));
+    make(90, 200); /* out of service for a moment: five periods */
+    assert_near(m.loop[0].without, 3 * sqrt(10.0 / 9), 1e-12);
+    assert_true(isnan(m.loop[0].benefit));
+    make(0, 110);
+    assert_true(m.loop[0].with > 0 && isnan(m.loop[0].benefit));
 }
 
 static void publish(double t, double first, double last, double limits)
