@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "common/exitcode.h"
 #include "daemon/daemon.h"
 #include "experiment/experiment.h"
@@ -339,8 +340,9 @@ int main(int argc, char **argv)
         rc = daemon_run(&s.d, s.of->rhythm, on_controller_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
         daemon_event(&s.d, APC_EVENT_WARNING, "rejected",
-                     "law %s gave no usable output at %llu ticks of this run", s.of->law->name,
-                     (unsigned long long)apc_controller_failures(s.core));
+                     "law %s gave no usable output at %llu tick%s of this run", s.of->law->name,
+                     (unsigned long long)apc_controller_failures(s.core),
+                     PLURAL(apc_controller_failures(s.core)));
     apc_controller_destroy(s.core);
     ramps_free(&s.ramps);
     known_free(&s.plant);

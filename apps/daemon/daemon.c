@@ -454,7 +454,7 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         const uint64_t more = apc_task_missed(task) - missed;
         if (more > 0 && looks % WINDOW == 0) {
             daemon_event(d, APC_EVENT_WARNING, "overrun", "%" PRIu64 " tick%s missed in the last %d s", more,
-                         more == 1 ? "" : "s", WINDOW);
+                         PLURAL(more), WINDOW);
             missed += more;
         }
         /* what was kept back is tried at each look: only then is it stored again */

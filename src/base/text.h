@@ -13,6 +13,9 @@
 
 #include "base/utf8.h"
 
+/* "1 day", "2 days": what comes behind the noun of a number. */
+#define PLURAL(n) ((n) == 1 ? "" : "s")
+
 /* The number of the character whose @p n bytes stand at @p text. */
 static inline uint32_t text_code(const char *text, size_t n)
 {

@@ -519,6 +519,8 @@ int scenario_load(struct scenario *scenario, const char *file, const struct expe
     *scenario = (struct scenario){.runs = 1};
     struct scenario_reading r = {.s = {.file = scenario->file, .why = why}, .of = scenario};
     snprintf(scenario->file, sizeof scenario->file, "%s", file);
+    if (access(file, F_OK) < 0 && errno == ENOENT)
+        return apc_fail(why, APC_ENOTFOUND, "%s: No such file or directory: expected a scenario", file);
     r.s.failed = settings_load(&config, file, why);
     if (!r.s.failed)
         read_scenario(&r, config_root_setting(&config), set, n);

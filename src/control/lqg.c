@@ -36,8 +36,8 @@
 enum { U_MIN, U_MAX, TAU_B, DU_MAX, N_TUNING };
 
 static const struct apc_param tuning[N_TUNING] = {
-    [U_MIN] = {"u_min", "", "least output", -1e9, -1e9, 1e9},
-    [U_MAX] = {"u_max", "", "greatest output", 1e9, -1e9, 1e9},
+    [U_MIN] = {"u_min", "", "output low limit", -1e9, -1e9, 1e9},
+    [U_MAX] = {"u_max", "", "output high limit", 1e9, -1e9, 1e9},
     [TAU_B] = {"tau_b", "s", "time in which a bumpless change dies out", 10.0, 0.0, 1e9},
     [DU_MAX] = {"du_max", "1/s", "fastest change of the output; 0: any", 0.0, 0.0, 1e9},
 };

@@ -16,8 +16,8 @@ static const struct apc_param tuning[N_TUNING] = {
     [KP] = {"Kp", "", "proportional gain", 0.2, -1e6, 1e6},
     [TAU_I] = {"tau_i", "s", "integral time", 10.0, 1e-6, 1e9},
     [U_BAR] = {"u_bar", "", "output at the operating point", 0.0, -1e9, 1e9},
-    [U_MIN] = {"u_min", "", "least output", -1e9, -1e9, 1e9},
-    [U_MAX] = {"u_max", "", "greatest output", 1e9, -1e9, 1e9},
+    [U_MIN] = {"u_min", "", "output low limit", -1e9, -1e9, 1e9},
+    [U_MAX] = {"u_max", "", "output high limit", 1e9, -1e9, 1e9},
 };
 
 /* ubar + P, the output without its integral. Always evaluated in this order: a law that resumes compares

@@ -45,8 +45,8 @@ enum {
         {of "c", "", "setpoint weight of the derivative part", 0.0, 0.0, 10.0},                              \
         {of "tau_t", "s", "anti-windup: tracking time; 0: conditional integration", 0.0, 0.0, 1e9},          \
         {of "u_bar", "", "output at the operating point", 0.0, -1e9, 1e9},                                   \
-        {of "u_min", "", "least output", -1e9, -1e9, 1e9},                                                   \
-        {of "u_max", "", "greatest output", 1e9, -1e9, 1e9},                                                 \
+        {of "u_min", "", "output low limit", -1e9, -1e9, 1e9},                                               \
+        {of "u_max", "", "output high limit", 1e9, -1e9, 1e9},                                               \
     {                                                                                                        \
         of "du_max", "1/s", "fastest change of the output; 0: any", 0.0, 0.0, 1e9                            \
     }

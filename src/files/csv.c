@@ -354,7 +354,8 @@ int csv_open(struct csv **out, const char *path, struct apc_error *why)
     csv->next = 1;
     csv->in = fopen(path, "re");
     if (!csv->in)
-        rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
+        rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s: expected a CSV file", path,
+                      strerror(errno));
     else
         rc = take_order_mark(csv, why);
     if (rc == 0)

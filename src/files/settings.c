@@ -481,7 +481,7 @@ void settings_numbers(struct settings *s, const config_setting_t *array, size_t 
         config_setting_length(array) != (int)n) {
         const char *name = config_setting_name(array);
         settings_fail(s, array, "%s%s%sexpected %zu number%s in brackets", name ? "\"" : "", name ? name : "",
-                      name ? "\": " : "", n, n == 1 ? "" : "s");
+                      name ? "\": " : "", n, PLURAL(n));
         return;
     }
     for (size_t i = 0; i < n; i++)

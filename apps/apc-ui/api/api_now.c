@@ -521,7 +521,7 @@ void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
     pthread_mutex_unlock(&m->mutex);
     if (wrong > 0 && !r->session.user[0]) { /* names are not for strangers */
         text_free(&r->reply);
-        text_add(&r->reply, "%zu signals or tasks do not tick\n", wrong);
+        text_add(&r->reply, "signals or tasks that do not tick: %zu\n", wrong);
     }
     r->type = "text/plain; charset=utf-8";
     r->status = ready ? 200 : 503;

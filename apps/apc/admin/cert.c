@@ -6,6 +6,7 @@
 
 #include "apc/common/cli.h"
 #include "authority.h"
+#include "base/text.h"
 
 #define DAYS           825
 #define AUTHORITY_DAYS 3650
@@ -83,8 +84,8 @@ static int make_certificate(const struct cli *cli, const struct options *o, enum
                              ? "; what it vouches for would be worth nothing: take another "
                                "folder, or remove it"
                              : "; --replace renews it");
-    printf("%s/%s.pem made, good for %ld days\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
-           days);
+    printf("%s/%s.pem made, good for %ld day%s\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
+           days, PLURAL(days));
     return EXIT_OK;
 }
 
@@ -92,6 +93,7 @@ static void show_certificate(const struct authority_certificate *c)
 {
     static const char *const roles[] = {"other", "authority", "plant", "client"};
     const time_t now = time(NULL);
+    const long days = (long)(c->until - now + DAY / 2) / DAY;
     struct tm tm;
     char until[32] = "";
 
@@ -103,7 +105,7 @@ static void show_certificate(const struct authority_certificate *c)
     else if (c->from > now)
         printf("  NOT YET GOOD");
     else
-        printf("  %ld days", (long)(c->until - now + DAY / 2) / DAY);
+        printf("  %ld day%s", days, PLURAL(days));
     printf("%s%s\n", *c->hosts ? "  " : "", c->hosts);
 }
 

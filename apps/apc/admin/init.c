@@ -78,7 +78,7 @@ static int take_over(const struct cli *cli, const struct experiment *e)
     if (rc == 0)
         rc = apc_store_take_over(live, history, &why);
     if (rc > 0)
-        printf("%d variables go on from the history\n", rc);
+        printf("variables that go on from the history: %d\n", rc);
     if (is_away(rc))
         printf("%s: the live store begins empty, with numbers above its\n", why.text);
     apc_store_close(history);

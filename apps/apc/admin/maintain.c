@@ -52,8 +52,8 @@ static int maintain(const struct cli *cli, const char *plant, const struct apc_r
     if (rc < 0)
         cli_error(cli, rc, "%s%s%s", plant ? plant : "", plant ? ": " : "", apc_store_error(store));
     else
-        printf("%s%s%d rows and partitions dropped%s\n", plant ? plant : "", plant ? ": " : "", rc,
-               keep->packed > 0 ? " or packed" : "");
+        printf("%s%srows and partitions dropped%s: %d\n", plant ? plant : "", plant ? ": " : "",
+               keep->packed > 0 ? " or packed" : "", rc);
     apc_store_close(store);
     return rc < 0 ? rc : 0;
 }

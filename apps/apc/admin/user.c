@@ -75,7 +75,9 @@ static int add_user(const struct cli *cli, const struct options *o, const char *
     char password[PASSWORD_MAX + 2], again[PASSWORD_MAX + 2];
     struct apc_error why;
     if (!ask_password("Password: ", password, sizeof password))
-        return cli_error(cli, APC_EINVAL, "no password, or one of more than %d bytes", PASSWORD_MAX);
+        return cli_error(cli, APC_EINVAL,
+                         "no password on standard input, or a longer one: expected a line of 1 to %d bytes",
+                         PASSWORD_MAX);
     if (isatty(STDIN_FILENO) &&
         (!ask_password("Once more: ", again, sizeof again) || strcmp(password, again) != 0))
         return cli_error(cli, APC_EINVAL, "the two are not the same");

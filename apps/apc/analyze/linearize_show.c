@@ -8,6 +8,7 @@
 
 #include "apc/common/print.h"
 #include "base/complex.h"
+#include "base/text.h"
 #include "files/files.h"
 
 static const char *linearized_name_of(const struct linearize_names *names, size_t i, char text[24])
@@ -92,7 +93,7 @@ static void roots_text(const char *title, const double complex *root, int n, dou
         root_text(root[i], period);
     }
     if (gone > 0)
-        printf("  0  %d times: a sample's delay each\n", gone);
+        printf("  0  %d time%s: a sample's delay each\n", gone, PLURAL(gone));
 }
 
 static void values_text(const char *title, const struct linearize_names *names, const double *value, size_t n)

@@ -132,7 +132,13 @@ void cli_find_store(struct cli *cli)
     struct stat at;
     if (!cli->store || (cli->takes & CLI_MAKES_STORE))
         return;
-    if (stat(cli->store, &at) == 0 && S_ISDIR(at.st_mode)) {
+    const bool there = stat(cli->store, &at) == 0;
+    if (!strchr(cli->store, ':') && !(there && S_ISDIR(at.st_mode)))
+        exit(cli_error(cli, APC_ENOTFOUND,
+                       "--store: %s: there is no such folder: expected that of a run, or postgresql:, "
+                       "postgresql://..., sqlite:FILE, shm:NAME%s",
+                       cli->store, there ? "; of a SQLite file write sqlite: before its name" : ""));
+    if (there && S_ISDIR(at.st_mode)) {
         const int rc = runstore_uri(cli->store, uri, &why);
         if (rc < 0)
             exit(cli_error(cli, rc, "--store: %s", why.text));

@@ -10,6 +10,7 @@
 #include "apc/common/past.h"
 #include "apc/common/print.h"
 #include "apc/common/print_alarms.h"
+#include "base/text.h"
 #include "operate.h"
 #include "record/record.h"
 
@@ -332,7 +333,7 @@ static void show_try(const struct cli_tags *tags, const struct apc_alarm *alarm,
 static void show_trial(const struct cli_tags *tags, const struct alarm *alarm, const struct alarm_trial *t)
 {
     size_t n = 0;
-    printf("%s: %zu alarm%s in %.3g h", alarm->name, t->at[0].raised, t->at[0].raised == 1 ? "" : "s",
+    printf("%s: %zu alarm%s in %.3g h", alarm->name, t->at[0].raised, PLURAL(t->at[0].raised),
            apc_ns_to_s(t->until - t->since) / 3600);
     if (t->recorded != t->at[0].raised)
         printf(" (on record: %zu)", t->recorded);

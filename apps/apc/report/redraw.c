@@ -257,8 +257,17 @@ int command_report(int argc, char **argv)
         return cli_done(&cli, options.at ? report_prediction_of_store(&cli, &options)
                                          : report_of_store(&cli, &options));
     const bool json = options.json;
+    struct stat at;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
+    if (rc == 0 && stat(cli.args[0], &at) == 0 && !S_ISDIR(at.st_mode)) {
+        experiment_free(&e);
+        return cli_error(
+            &cli, APC_EINVAL,
+            "%s is an experiment file: expected the folder of a run, as apc run and apc simulate -o "
+            "make it",
+            cli.args[0]);
+    }
     const bool complete = rc == 0 && access(path, F_OK) == 0;
     if (complete && cli.store_given) {
         experiment_free(&e);

@@ -11,6 +11,7 @@
 #include "apc/folder/run_recovery.h"
 #include "apc/folder/spools.h"
 #include "apc/report/report.h"
+#include "base/text.h"
 #include "control_history.h"
 #include "run.h"
 
@@ -100,8 +101,9 @@ static int judge_run(struct run *r, apc_ns since, apc_ns until, struct control *
     for (size_t i = 0; i < r->daemons.n && !r->failure.text[0]; i++) {
         const struct child *child = &r->daemons.child[i];
         if (child->faults > 0 && !child->aside)
-            apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %.300s",
-                     child->title[0] ? child->title : child->name, child->faults, child->log);
+            apc_fail(&r->failure, APC_ESTATE, "%s failed %u time%s and was started again: see %.300s",
+                     child->title[0] ? child->title : child->name, child->faults, PLURAL(child->faults),
+                     child->log);
     }
     if (verdict == CONTROL_AGAIN && !r->failure.text[0])
         apc_fail(&r->failure, APC_ESTATE, "%s", why);

@@ -3,6 +3,8 @@
 
 #include <stdlib.h>
 
+#include "base/text.h"
+
 struct all {
     const struct campaign *campaign;
     unsigned runs; /* of each */
@@ -75,8 +77,8 @@ int campaign_run(const struct experiment *e, const struct campaign_options *opti
     rc = campaigns_run(&c, 1, why);
     double took = apc_ns_to_s(apc_clock_mono(NULL) - began);
     unsigned done = atomic_load(&c.pool->done);
-    fprintf(options->talk, "%s: %s\n%u runs of %.10g s in %.3g s: %.3g times as fast as real time\n", e->name,
-            e->title, done, e->duration, took, done * e->duration / took);
+    fprintf(options->talk, "%s: %s\n%u run%s of %.10g s in %.3g s: %.3g times as fast as real time\n",
+            e->name, e->title, done, PLURAL(done), e->duration, took, done * e->duration / took);
     /* All of it, also when something failed: the runs that were made are worth something. */
     struct apc_error next = {""};
     keep_first_failure(&rc, why, summary_print(&c, &next), &next);

@@ -17,6 +17,7 @@
 #include "apc/common/setting.h"
 #include "apc/folder/folder.h"
 #include "apc/report/report.h"
+#include "base/text.h"
 #include "campaign.h"
 #include "compare.h"
 #include "simulation_export.h"
@@ -287,11 +288,11 @@ static void print_simulated_controller(const struct simulate *r, const struct si
 {
     const uint64_t failures = simulated_failures(c);
     if (c->held > 0)
-        fprintf(r->talk, "%s: output held or at its fault value at %llu ticks\n", c->of->name,
-                (unsigned long long)c->held);
+        fprintf(r->talk, "%s: output held or at its fault value at %llu tick%s\n", c->of->name,
+                (unsigned long long)c->held, PLURAL(c->held));
     if (failures > 0)
-        fprintf(r->talk, "%s: law %s gave no usable output at %llu ticks\n", c->of->name, c->of->law->name,
-                (unsigned long long)failures);
+        fprintf(r->talk, "%s: law %s gave no usable output at %llu tick%s\n", c->of->name, c->of->law->name,
+                (unsigned long long)failures, PLURAL(failures));
 }
 
 static void print_tasks(const struct simulate *r)
@@ -402,11 +403,11 @@ static void tell_operation(const struct simulate *r)
         fprintf(r->talk, "what people wrote in that run is written again at the same ticks: %zu values\n",
                 r->written.n);
     else if (n > 0)
-        fprintf(
-            r->talk,
-            "in that run an operator changed modes, tuning or outputs %llu times: a simulation does not, apc "
-            "replay does\n",
-            n);
+        fprintf(r->talk,
+                "in that run an operator changed modes, tuning or outputs %llu time%s: a simulation does "
+                "not, apc "
+                "replay does\n",
+                n, PLURAL(n));
 }
 
 /* The runs of a campaign or a sweep are of the experiment alone. */
@@ -416,9 +417,9 @@ static void tell_left_out(const struct simulate *r)
     struct apc_error why;
     if (folder_written(&r->e, &written, &why) > 0 && written.n > 0)
         fprintf(r->talk,
-                "what people wrote in that run, %zu values, is not written in these: without --runs and "
+                "what people wrote in that run, %zu value%s, is not written in these: without --runs and "
                 "--sweep it is\n",
-                written.n);
+                written.n, PLURAL(written.n));
     else
         tell_operation(r);
     samples_free(&written);

@@ -54,7 +54,8 @@ int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why)
     char *message = NULL;
     int err = 0;
     if (rest[0] != '\0' && strncmp(rest, "//", 2) != 0) {
-        err = apc_fail(why, APC_EINVAL, "malformed store URI: after postgresql: comes nothing or //");
+        err = apc_fail(why, APC_EINVAL,
+                       "malformed store URI: after postgresql: comes nothing, or //HOST/DATABASE");
     } else {
         pg->uri = PQconninfoParse(rest[0] ? text : "", &message);
         if (!pg->uri) { /* libpq's own text may quote a password */

@@ -103,7 +103,7 @@ for program in apc-client apc-controller apc-scheduler; do
   expect 1 'schema "apc".*apc init' "$APC_BIN/$program" --config "$good"
 done
 # every failure to open a store has a code of its own, and no message a part of a password
-expect 1 'does not begin with its kind' "$apc" alarm list --store --store
+expect 1 'store: --store: there is no such folder' "$apc" alarm list --store --store
 expect 3 'cannot be opened' "$apc" alarm list --store "sqlite:$work/nowhere/x"
 for uri in postgresql://u:s3cret postgresql://u:s3@cret@127.0.0.1:1/db; do
   expect 1 'malformed store URI: the (port is no number|host has an @ in it)' "$apc" status --json --store "$uri"
@@ -113,7 +113,12 @@ expect 3 'no_such_database' "$apc" get --store postgresql:///no_such_database
 expect 3 'connect' env PGHOST="$work" "$apc" get
 expect 3 'connect' env PGHOST="$work" "$APC_BIN/apc-controller" --config "$good"
 expect 1 'carrierpigeon' "$apc" get --store carrierpigeon:coop
-expect 1 'the name of a store does not begin with its kind: expected .*sqlite:FILE' "$apc" get --store plant.db
+expect 1 'plant.db: there is no such folder: expected that of a run, or .*sqlite:FILE, shm:NAME$' "$apc" get --store plant.db
+touch "$work/plant.db"
+expect 1 'of a SQLite file write sqlite: before its name' "$apc" get --store "$work/plant.db"
+expect 1 'fast.conf is an experiment file: expected the folder of a run' "$apc" report "$good"
+expect 1 'none.csv: No such file or directory: expected a CSV file' "$apc" identify "$work/none.csv"
+expect 2 'none.scenario: No such file or directory: expected a scenario' "$apc" check "$work/none.scenario"
 expect 3 'nowhere/plant\.db cannot be made: its folder: No such file' "$apc" init --store "sqlite:$work/nowhere/plant.db"
 expect 1 'path is too long: at most 504' "$apc" init --store "sqlite:/tmp/$(printf 'x%.0s' {1..500})"
 mkfifo "$work/left.spool"

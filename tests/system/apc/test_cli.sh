@@ -179,7 +179,7 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
          least(now() - (5 - s) * interval '20 hours', date_trunc('day', now(), 'UTC') - (5 - s) * interval '1 microsecond') END,
          0, ARRAY[s] FROM generate_series(1, 5) AS s" >/dev/null
   run 0 maintain --store "$store" --keep-ticks 30d
-  out_has '^0 rows'
+  out_has '^rows and partitions dropped: 0$'
   run 0 maintain --store "$store"
   equal "$(sql 'SELECT min(seq) FROM maintained.tick')" 4 "ticks are kept a day"
   run 0 maintain --store "$store" --keep-ticks 1h
@@ -187,7 +187,7 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   sql "SET search_path TO maintained, pg_temp; SELECT make_week('sensor', date_trunc('week', now() AT TIME ZONE 'UTC')::date - 700, current_date);
        INSERT INTO sensor SELECT 3, s, date_trunc('week', now()) - interval '697 days' + s * interval '1 second', 0, s FROM generate_series(1, 1500) AS s" >/dev/null
   run 0 maintain --store "$store" --pack 1h
-  out_has '^1 rows and partitions dropped or packed$'
+  out_has '^rows and partitions dropped or packed: 1$'
   equal "$(sql 'SELECT count(*) FROM maintained.sensor WHERE id = 3')" 0 "rows of a packed week"
   equal "$(sql 'SELECT sum(last - first + 1) FROM maintained.sensor_packed')" 1500 "samples of a packed week"
   run 0 maintain --store "$store" --keep 95d

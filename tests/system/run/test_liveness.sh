@@ -165,7 +165,7 @@ for stopped in 0 1 2 3; do
 done
 kill -INT "$run"
 ends_with "$run" 1 # it hung
-last_line stopped 'apc-[a-z]+ failed 1 times and was started again'
+last_line stopped 'apc-[a-z]+ failed 1 time and was started again'
 for task in client base upper plant; do
   read -r ran missed <<<"$(ticks stopped $task)"
   [ "$missed" -ge 2 ] || fail "$task: $missed ticks missed, $ran ran"
@@ -182,7 +182,7 @@ started() { [ "$(grep -c 'running every' "$work/crash/apc-controller.log")" -gt 
 until_true 30 started
 kill -INT "$run"
 ends_with "$run" 1
-last_line crash 'apc-controller failed 1 times'
+last_line crash 'apc-controller failed 1 time '
 grep -q 'apc-run,stop,.*apc-controller was killed by signal 6' "$work/crash/events.csv" || fail "no event of the crash"
 
 # a client that never reaches the plant

@@ -31,7 +31,7 @@ expect 1 'this store is of one plant' "$apc" status --all --store "sqlite:$work/
 sql 'DROP PROCEDURE line5.maintain'
 expect 1 'line5: .*' "$apc" maintain --all --store postgresql:
 "$apc" maintain --all --store postgresql: >"$work/maintained" 2>"$work/maintained.errors" || true
-[ "$(grep -c '^line[0-9]*: [0-9]* rows and partitions dropped$' "$work/maintained")" = $((plants - 1)) ] || fail "$(cat "$work/maintained")"
+[ "$(grep -c '^line[0-9]*: rows and partitions dropped: [0-9]*$' "$work/maintained")" = $((plants - 1)) ] || fail "$(cat "$work/maintained")"
 grep -q 'line5: ' "$work/maintained.errors" || fail "nothing is said of line5"
 expect 1 'no plant whose tables are yours' env PGUSER=apc "$apc" maintain --all --store postgresql:
 

@@ -67,7 +67,7 @@ while [ $((resets += 1)) -le "${APC_RESETS:-1}" ]; do
   was=$(newest actuator)
   # Promise(stores/host-comes-up): A host that comes up again goes on from its history: what people wanted, what the
   #   controllers go on from, and seqs; from when to when nothing is on record is told, also where that is away.
-  expect 0 '[0-9]+ variables go on from the history' "$apc" init --store "$both" "$work/fast.conf"
+  expect 0 'variables that go on from the history: [0-9]+' "$apc" init --store "$both" "$work/fast.conf"
   expect 0 'tables are up to date' "$apc" init --store "$both" "$work/fast.conf" # once more, by a careful person
   expect 0 '^Kp +0.25 ' "$apc" tune --store "$live"
   expect 0 'r +7.5' "$apc" get r --store "$live"

@@ -193,7 +193,7 @@ static void ready_is_what_ticks(void **state)
     assert_non_null(strstr(ask_text(get_readyz), "u2: no sample for 12."));
     assert_int_equal(request.status, 503);
     request.session = (struct session){0}; /* names are not for strangers */
-    assert_string_equal(ask_text(get_readyz), "1 signals or tasks do not tick\n");
+    assert_string_equal(ask_text(get_readyz), "signals or tasks that do not tick: 1\n");
     request.session = ui->sessions.local;
     all_came(0);
     now_of(APC_SENSOR, 2)->seq = 0;
