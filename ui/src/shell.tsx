@@ -151,7 +151,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
       <Clock />
       <PastButton />
       <span class="who">
-        {who ? (who.protected ? `${who.user}, ${tr(`role.${who.role}`)}` : tr("shell.noLogin")) : "…"}
+        {who ? (who.protected ? `${who.user}, ${tr(`role.${who.role}`)}` : simulated ? "" : tr("shell.noLogin")) : "…"}
       </span>
       {who?.protected && !wall && <button type="button" onClick={logout}>{tr("shell.logOut")}</button>}
       {wall && <span class="say">{tr("shell.wall")}</span>}

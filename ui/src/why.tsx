@@ -141,7 +141,7 @@ function Effect({of, fine}: {of: Part; fine: number | undefined}): JSX.Element {
   return (
     <>
       <td class="number" data-label={tr("why.effect")}>{effectText(of.effect, fine)}</td>
-      <td class="number share" data-label={tr("why.share")}>{shareText(of.share)}</td>
+      <td class="number" data-label={tr("why.share")}>{shareText(of.share)}</td>
     </>
   );
 }

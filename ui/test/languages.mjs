@@ -92,6 +92,24 @@ for (const width of [1280, 400])
       await page.evaluate(texts => texts.forEach(([where, text]) => (document.querySelector(`header ${where}`).firstChild.data = text)), [[".plant", "pump-failure-mpc"], [".who", german.get("shell.noLogin")]]);
       const [first, last] = await page.evaluate(() => [document.querySelector("header .brand"), document.querySelector("header > :last-child")].map(one => one.getBoundingClientRect()).map(({top, bottom}) => (top + bottom) / 2));
       if (Math.abs(first - last) > 8) wrong.push("the header takes a second line");
+      // That of a simulation, where the browser is in a zone of its own.
+      const both = await page.evaluate(() => {
+        const [header, language] = ["header", "header .language"].map(one => document.querySelector(one));
+        const [mark, zone] = [document.createElement("b"), language.cloneNode(true)];
+        Object.assign(mark, {className: "simulation", textContent: "SIMULATION"});
+        zone.querySelector("select").replaceChildren(new Option("Europe/Berlin"));
+        header.querySelector(".plant").after(mark);
+        language.after(zone);
+        const who = header.querySelector(".who");
+        const text = who.textContent;
+        who.textContent = ""; // that there is no login matters where the plant is a real one
+        const [top, end] = [header.querySelector(".brand"), header.lastElementChild].map(one => one.getBoundingClientRect()).map(({top, bottom}) => (top + bottom) / 2);
+        mark.remove();
+        zone.remove();
+        who.textContent = text;
+        return Math.abs(top - end);
+      });
+      if (both > 8) wrong.push("the header of a simulation takes a second line");
     }
     const walk = async (what, all) => {
       for (const screen of all) {

@@ -100,7 +100,7 @@ test("Why? names the setpoint that was moved, and who moved it", () =>
 
     // From the list of events, the very tick that took it.
     await page.getByRole("link", {name: "Events"}).click();
-    await page.getByRole("button", {name: /^Why\? r: 12 -> 16/}).click();
+    await page.getByRole("button", {name: /^Why\? r: 12 → 16/}).click();
     await answer.locator("select").selectOption("0");
     const first = answer.locator("tbody tr").first();
     await until("r alone moved it", async () => /^r setpoint.*12.*16/.test(await first.textContent()) && /over.*one tick/.test(await answer.textContent()));
@@ -405,7 +405,7 @@ test("an alarm comes with its rank and what to do, is acknowledged with a commen
     await write(30);
     await until("the alarm is on the overview", async () => /1 not acknowledged/.test(await line.textContent()));
     await line.locator(".first a", {hasText: "y.high"}).click();
-    await until("it stands in the list, opened", async () => (await rows.count()) === 1 && /response.*lower r/.test(await page.locator(".detail").textContent()));
+    await until("it stands in the list, opened", async () => (await rows.count()) === 1 && /Response.*lower r/.test(await page.locator(".detail").textContent()));
     assert.match(await rows.first().textContent(), /y.high.*the tank is full.*active, not acknowledged/);
     await page.getByLabel("reason or comment").fill("valve 3 stuck");
     await page.getByRole("button", {name: "Acknowledge with comment"}).click();

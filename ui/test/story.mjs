@@ -40,7 +40,7 @@ test("a pump fails: the alarm comes with its rank and help, is acknowledged, pre
   await line.locator(".first a", {hasText: "h2.low"}).waitFor();
   assert.match(await line.locator(".first").textContent(), /2.*h2\.low tank 2 sinks/);
   await line.locator(".first a").click();
-  await until("response is said", async () => /consequence.*stands dry.*response.*Look at the pump that feeds tank 4/s.test(await page.locator(".alarm-list .detail").textContent()));
+  await until("response is said", async () => /Consequence.*stands dry.*Response.*Look at the pump that feeds tank 4/s.test(await page.locator(".alarm-list .detail").textContent()));
   // The other pump holds it up for a moment first: on a busy computer the alarm had gone again by now.
   await until("the level sinks on", async () => (await api("/api/state")).values["sensor.2"][2] < 71, 250);
   await acknowledge("h2.low");
@@ -89,10 +89,10 @@ test("a pump fails: the alarm comes with its rank and help, is acknowledged, pre
     ["", /^F1: the backup law acts: law mpc: measurement 2 is critical/],
     ["F2.mode", /^activated$/],
     ["F2.mode", /^acknowledged$/],
-    ["", /Auto -> Man$/],
-    ["", /-> 400$/],
+    ["", /Auto → Man$/],
+    ["", /→ 400$/],
     ["h2.bad", /^normal$/],
-    ["", /Man -> Auto$/],
+    ["", /Man → Auto$/],
   ];
   await until("the journal tells the story", async () => {
     const rows = await page.locator(".journal tbody tr").evaluateAll(all => all.map(one => [one.querySelector("th").textContent, one.querySelector("td[data-label='Transition']").textContent]).reverse());

@@ -229,11 +229,11 @@ test("a history that is away, or late, is said quietly; one that keeps up is not
   await beat({behind: 3, late: 0.4, oldest: server.now - 6144, error: null});
   assert.equal(bars(), 0);
   await beat({behind: 900, late: 42, oldest: server.now - 6144, error: null});
-  assert.equal(said(".history-bar"), "The history is 42 s behind, 900 rows.");
+  assert.equal(said(".history-bar"), "The history is 42 s behind; rows missing: 900.");
   await beat({behind: 12, late: null, oldest: server.now - 2, error: null});
   assert.equal(bars(), 0, "a run that has just begun");
   await beat({behind: 120, late: null, oldest: server.now - 20, error: null});
-  assert.equal(said(".history-bar"), "The history has nothing yet, 120 rows wait for it.");
+  assert.equal(said(".history-bar"), "The history has nothing yet; rows waiting for it: 120.");
   await beat({behind: null, late: null, oldest: server.now - 1230, error: "no server"});
   assert.equal(said(".history-bar"), "History offline: trends show the last 20 min, of memory.");
   assert.equal(one(".history-bar").getAttribute("role"), "status");
@@ -837,7 +837,7 @@ test("loops' health: asked until none is left, then verdicts, evidence and the t
   assert.equal(queries.length, 3);
   assert.deepEqual(queries[0], {since: "-86400"});
   assert.deepEqual(queries.slice(1), [{since: String(START - 86400), until: String(START)}, {since: String(START - 86400), until: String(START)}]);
-  assert.match(said(".health .toolbar"), /1 of 2 loops need somebody/);
+  assert.match(said(".health .toolbar"), /loops that need somebody: 1 of 2 ?; not judged: 1/);
   const rows = [...document.querySelectorAll(".health tbody tr")].map(row => row.textContent);
   assert.match(rows[0]!, /^y1.*Valve: the valve sticks.*friction of 0\.16.*3600 ticks judged.*98 %.*25 %.*0\.50.*42\.4 s.*82\.6 .*2230 \/h/);
   assert.match(rows[1]!, /^y2.*Not judged: too few ticks/);
@@ -918,8 +918,8 @@ test("why, of an event: of the loop that it names, from the tick that took it on
   await show("events");
   await env.pass(0.2);
   await settle();
-  assert.deepEqual([...document.querySelectorAll(".why-button")].map(one => one.getAttribute("aria-label")), ["Why? r2 taken Local, the scheduler stands aside", "Why? u2.Kp: 1 -> 2", "Why? u1: Auto -> Man", "Why? r2: 5 -> 6"]);
-  await click(button("Why? r2: 5 -> 6"));
+  assert.deepEqual([...document.querySelectorAll(".why-button")].map(one => one.getAttribute("aria-label")), ["Why? r2 taken Local, the scheduler stands aside", "Why? u2.Kp: 1 → 2", "Why? u1: Auto → Man", "Why? r2: 5 → 6"]);
+  await click(button("Why? r2: 5 → 6"));
   await env.pass(0.5);
   // The tick was late: nominally it is before what it took.
   const late = at - 1.3, period = 2;
@@ -1426,7 +1426,7 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   await env.pass(0.4);
   await settle();
   assert.equal(hash(), "#trend/pens=y2,y1;span=600");
-  await click(button("Pause"));
+  await click(button("Pause trend"));
   await env.pass(0.4);
   await settle();
   assert.match(hash(), /^#trend\/pens=y2,y1;span=600;to=20000\d+(\.\d+)?$/);
@@ -1852,7 +1852,7 @@ test("the list of alarms: the most urgent first, what each means, and shelving f
   assert.equal(said(".alarm-list tbody tr:first-child"), "[priority 2: high] 2033-05-18 03:32:23 y1.high tanks message of y1.high 9.98 m active, not acknowledged Acknowledge y1.high More of y1.high");
   assert.match(said(".alarm-list tbody tr:last-child"), /^\[priority 3: low\] 2033-05-18 03:32:20 ?so since 2033-05-18 03:32:21 y2\.low tanks message of y2\.low 5\.000 m active, acknowledged ?anna More of y2\.low$/);
   await click(button("More of y1.high", ".alarm-list"));
-  assert.match(said(".detail"), /consequence it flows over response open the valve condition high, limit 12 m, level State active, not acknowledged go to Loop y1TrendJournal/);
+  assert.match(said(".detail"), /Consequence it flows over Response open the valve Condition high, limit 12 m, level State active, not acknowledged Go to Loop y1TrendJournal/);
   assert.equal(button("Shelve", ".detail").disabled, true, "it can be shelved without a reason");
   await type('.detail input[type="text"]', "valve 3 stuck");
   await choose(".detail select", "7200");
@@ -1953,7 +1953,7 @@ test("the journal tells the story, and figures stand beside what they should be"
   await env.pass(0.5);
   await settle();
   assert.deepEqual(said(".alarms .span[aria-live] :is(caption, tbody tr)").split(" | "), [
-    "y1.high: other settings, tried on the record of 24 h 0 min On the record it was activated 301 times: with other settings than now, or while it was not evaluated.",
+    "y1.high: other settings, tried on the record of 24 h 0 min Activations on the record: 301, with other settings than now, or while it was not evaluated.",
     "as it is 300 on-delay 5 s 12 5.0 s 288, active for at most 4.0 s deadband 0.5 m 9 0 s 0",
   ]);
   env.routes.set("/api/alarms/trial", asked => asked.answer({error: {code: "trial", message: "there is too much on record"}}, 422));
@@ -2533,7 +2533,7 @@ test("what was set then is set again by one write, after the differences were sh
   assert.deepEqual(body, {at, seen: {"setpoint.1": 2, "opmode.1": 1}});
   write.answer({key, kind: "retake", user: "anna", time: server.now, state: "accepted", stored: true, reason: null, changes: []});
   await settle();
-  assert.match(said("dialog .write-status"), /3 values of .* again: accepted/);
+  assert.match(said("dialog .write-status"), /values of .* again: 3: accepted/);
   assert.equal(button("Set all 3 again", "dialog").disabled, true, "twice");
   await click(button("Close", "dialog"));
   await press("Escape");

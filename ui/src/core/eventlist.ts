@@ -11,7 +11,7 @@ export interface Filter {
 }
 
 /** In the language spoken; what an alarm says and what people enter is their own. */
-export const eventText = ({kind, text}: Pick<PlantEvent, "kind" | "text">): string => (kind === "alarm" || kind === "log" ? text : said(text));
+export const eventText = ({kind, text}: Pick<PlantEvent, "kind" | "text">): string => (kind === "alarm" || kind === "log" ? text : said(text).replaceAll("->", "→"));
 
 /** By what is shown, and by what the server has. */
 export const saysOf = (e: PlantEvent, text: string): boolean => `${eventText(e)}\n${e.text}`.toLowerCase().includes(text.toLowerCase());

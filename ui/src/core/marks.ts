@@ -16,7 +16,7 @@ const KINDS = ["operator", "mode", "alarm", "start", "stop", "watchdog", "link",
 export function marksOf(events: PlantEvent[], alarms: AlarmIs[], from: number, to: number): Mark[] {
   return events
     .filter(one => one.time >= from && one.time <= to && (one.severity > 1 || KINDS.includes(one.kind)))
-    .map(one => ({t: one.time, priority: priorityOf(one, alarms), text: `${one.source}: ${eventText(one).replace("->", "→")}`}));
+    .map(one => ({t: one.time, priority: priorityOf(one, alarms), text: `${one.source}: ${eventText(one)}`}));
 }
 
 /** Those within reach of a time, the nearest first. */

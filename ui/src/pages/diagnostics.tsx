@@ -92,7 +92,7 @@ export function DiagnosticsPage(): JSX.Element {
           </tr>
           <tr>
             <th scope="row">{tr("diagnostics.spool")}</th>
-            <td colSpan={4}>{d.store.spool ? tr("diagnostics.waiting", {n: d.store.spool.depth, time: duration(d.store.spool.age)}) : tr("diagnostics.noSpool")}</td>
+            <td colSpan={4}>{d.store.spool?.depth === 0 ? tr("diagnostics.noneWaits") : d.store.spool ? tr("diagnostics.waiting", {n: d.store.spool.depth, time: duration(d.store.spool.age)}) : tr("diagnostics.noSpool")}</td>
           </tr>
         </Panel>
         <Panel title={tr("diagnostics.stream")} head={[tr("diagnostics.lag"), "n", "p50", "p99", "max"]}>

@@ -49,12 +49,14 @@ function Judged({seconds, plant: p, children}: {seconds: number; plant: Plant; c
   if (answer && answer.left > 0 && answer !== begun) setBegun(answer);
   const done = answer?.left === 0 ? answer : null;
   const need = done?.loops.filter(one => NEEDS.includes(one.health)).length ?? 0;
+  const unknown = done?.loops.filter(one => one.health === "unknown").length ?? 0;
   return (
     <>
       <div class="toolbar">
         <h1>{tr("page.health")}</h1>
         <span class="say" role="status">
           {error ? "" : !done ? tr("health.judging", {n: answer?.loops.length ?? 0, all: p.loops.length}) : need > 0 ? tr("health.need", {n: need, all: done.loops.length}) : tr("health.noneNeeds", {n: done.loops.length})}
+          {!error && unknown > 0 && `; ${tr("health.notJudged", {n: unknown})}`}
         </span>
         <span class="spring" />
         {children}

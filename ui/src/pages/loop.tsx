@@ -166,7 +166,7 @@ function Deviation({of, from}: {of: Ref; from: Ref}): JSX.Element {
       <span class="line-label">{tr("loop.deviation")}<small>{tr("loop.deviationIs")}</small></span>
       <span />
       <span class={`value${y.stale ? " stale" : ""}`}>
-        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimals(of)) : missing}</span><span class="unit">{variable(of)?.unit}</span>
+        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimals(of)) : missing}</span>{variable(of)?.unit && <span class="unit">{variable(of)?.unit}</span>}
       </span>
     </div>
   );
@@ -230,7 +230,7 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
     text = `${when(write.time)}, ${write.user}: ${changes.join(", ")} (${tr(`write.${write.state}`)})`;
-  } else if (event) text = `${when(event.time)}, ${event.source}: ${eventText(event).replace("->", "→")}`;
+  } else if (event) text = `${when(event.time)}, ${event.source}: ${eventText(event)}`;
   return (
     <p class="last-action">
       <b>{tr("loop.lastAction")}</b> {write?.state === "failed" && <Note grave label={tr("common.failed")} />} {text}
