@@ -440,12 +440,12 @@ static void print_unreplayed(const struct replay_command *c, const char *name, c
                 name, (unsigned long long)f->others, apc_time_format(f->other, time));
 }
 
-static void put_json(const struct source *source, struct text *t)
+static void put_json(const struct replay_command *c, const struct source *source, struct text *t)
 {
     const struct season *s = &source->season;
     json_add(t, "{source:%s, since:%.6jd, until:%.6jd, controllers:[", source->name, (intmax_t)s->of.since,
              (intmax_t)s->of.until);
-    for (size_t i = 0; i < s->n_controllers; i++) {
+    for (size_t i = 0; i < s->n_controllers && !is_candidate(c); i++) {
         const struct replay_figures *f = &s->controller[i].figures;
         json_add(t,
                  "{controller:%s, ticks:%ju, same:%ju, after_restart:%ju, lacking:%ju, other_law:%ju, "
@@ -457,11 +457,22 @@ static void put_json(const struct source *source, struct text *t)
     json_add(t, "], outputs:[");
     for (size_t i = 0; i < s->n_loops; i++) {
         const struct replay_difference *d = &s->loop[i].difference;
-        json_add(t, "{output:%s, ticks:%ju, same:%ju, mean:%g, most:%g, span:%g}", s->loop[i].name,
+        json_add(t, "{output:%s, ticks:%ju, same:%ju, mean:%g, max:%g, span:%g, time:%g}", s->loop[i].name,
                  (uintmax_t)d->ticks, (uintmax_t)d->same, d->sum / (double)d->ticks, d->worst,
-                 d->high - d->low);
+                 d->high - d->low, d->at);
     }
     json_add(t, "]}");
+}
+
+/* Is each output of a law that did not run the same? */
+static bool has_same_outputs(const struct season *s)
+{
+    uint64_t ticks = 0, same = 0;
+    for (size_t i = 0; i < s->n_loops; i++) {
+        ticks += s->loop[i].difference.ticks;
+        same += s->loop[i].difference.same;
+    }
+    return ticks > 0 && same == ticks;
 }
 
 /* Is each tick of it, as far as it could be replayed, the same? */
@@ -501,11 +512,12 @@ static int print_seasons(const struct replay_command *c)
     bool same = true;
     int rc = 0;
     for (size_t i = 0; i < c->n; i++)
-        same = same && is_exact(&c->source[i].season);
+        same = same &&
+               (is_candidate(c) ? has_same_outputs(&c->source[i].season) : is_exact(&c->source[i].season));
     json_add(&json, "{same:%i, sources:[", same);
     for (size_t i = 0; i < c->n && rc == 0; i++)
         if (c->options.json)
-            put_json(&c->source[i], &json);
+            put_json(c, &c->source[i], &json);
         else
             rc = print_season(c, &c->source[i]);
     json_add(&json, "]}");
