@@ -86,7 +86,6 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
         space: 90,
       }),
       axis({
-        space: height < 200 ? 17 : 30, // or a low one would have a single number
         size: (u, texts) => {
           u.ctx.font = FONT_DRAWN();
           const own = Math.ceil(Math.max(0, ...(texts ?? []).map(text => u.ctx.measureText(text).width)) / devicePixelRatio) + 16;
