@@ -588,14 +588,18 @@ struct apc_store_clock {
     size_t size;
     apc_ns now;     /**< UTC of the plant */
     double asked;   /**< plant time / time; 0: it is paused; INFINITY: as fast as it goes */
-    double reached; /**< within the last second */
+    double reached; /**< within the last second; below 0: nobody simulates it yet */
     uint64_t steps; /**< ticks that are still to be made while it is paused */
+    apc_ns rewind;  /**< UTC of the plant to which it is to go back; 0: it goes on */
 };
 /** Returns 1; 0, with zeros, where the plant is none that is simulated; or an error. [setup] */
 APC_API int apc_store_clock(struct apc_store *store, struct apc_store_clock *clock);
 /** Another speed, from 0 on, or INFINITY, and so many ticks where it is 0. Returns 0, APC_EINVAL, APC_ESTATE (the
  * plant is none that is simulated), or an error. [setup] */
 APC_API int apc_store_set_speed(struct apc_store *store, double asked, uint64_t steps);
+/** The plant is to go back to the time @p to, UTC, and to be paused there. Who simulates ends this store, and begins one
+ * of the same name. Returns as apc_store_set_speed(). [setup] */
+APC_API int apc_store_rewind(struct apc_store *store, apc_ns to);
 /** The process's UTC becomes the store's, apc_clock_follow(), until the process ends. Returns as apc_store_clock().
  * [setup] */
 APC_API int apc_store_follow(struct apc_store *store);

@@ -28,12 +28,13 @@ int store_simulated(struct apc_store *store, struct apc_store_clock *clock, stru
     const int rc = simulated > 0 ? apc_store_holder(store, &first, &holder) : simulated;
     if (rc < 0)
         return apc_fail(why, rc, "%s", apc_store_error(store));
-    return simulated == 0 || holder > 0
+    if (simulated > 0 && holder == 0)
+        return apc_fail(why, APC_ESTATE,
+                        "nobody simulates the plant any more: its `apc run --speed` was ended, and its time "
+                        "stands still");
+    return simulated == 0 || clock->reached >= 0
                ? simulated
-               : apc_fail(
-                     why, APC_ESTATE,
-                     "nobody simulates the plant any more: its `apc run --speed` was ended, and its time "
-                     "stands still");
+               : apc_fail(why, APC_ESTATE, "nobody simulates the plant yet: its `apc run --speed` begins");
 }
 
 bool store_follow(const char *uri)
@@ -42,7 +43,7 @@ bool store_follow(const char *uri)
     struct apc_store_clock clock = {.now = 0};
     struct apc_error why;
     if (strncmp(uri, "shm:", 4) == 0 && apc_store_open(&store, uri, NULL, NULL) == 0 &&
-        store_simulated(store, &clock, &why) > 0)
+        (store_simulated(store, &clock, &why) > 0 || clock.reached < 0))
         (void)apc_store_follow(store);
     apc_store_close(store);
     return clock.now != 0;

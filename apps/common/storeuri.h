@@ -12,8 +12,8 @@
 /* apc_store_open(), but for the memory of this very process, which no other program would see. */
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why);
-/* Is the plant of a store one that `apc run --speed` simulates? 1; 0: its time is real; APC_ESTATE: nobody does any
- * more, and its time stands still; or the store's error. Sets the clock but for an error of the store's. */
+/* Is the plant of a store one that `apc run --speed` simulates? 1; 0: its time is real; APC_ESTATE: nobody does yet, or
+ * any more, and its time stands still; or the store's error. Sets the clock but for an error of the store's. */
 int store_simulated(struct apc_store *store, struct apc_store_clock *clock, struct apc_error *why);
 /* Is, or was, the plant of a store that is there simulated? While it is, the process's UTC is the plant's from now on.
  */

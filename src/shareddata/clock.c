@@ -38,26 +38,29 @@ int apc_store_clock(struct apc_store *store, struct apc_store_clock *clock)
     struct apc_store_clock all = {.size = 0};
     const int rc = pace_of(store, &words, false);
     if (rc > 0) {
-        all = (struct apc_store_clock){.now = (apc_ns)atomic_load_explicit(&words->now, memory_order_relaxed),
-                                       .asked = clock_number(&words->asked),
-                                       .reached = clock_number(&words->reached),
-                                       .steps = atomic_load_explicit(&words->steps, memory_order_relaxed)};
+        all = (struct apc_store_clock){
+            .now = (apc_ns)atomic_load_explicit(&words->now, memory_order_relaxed),
+            .asked = clock_number(&words->asked),
+            .reached = clock_number(&words->reached),
+            .steps = atomic_load_explicit(&words->steps, memory_order_relaxed),
+            .rewind = (apc_ns)atomic_load_explicit(&words->rewind, memory_order_relaxed)};
     }
     apc_result_copy(clock, &all, sizeof all);
     return rc < 0 ? rc : all.now != 0;
 }
 
-int apc_store_set_speed(struct apc_store *store, double asked, uint64_t steps)
+/* @p rewind: 0: it goes on. */
+static int order_pace(struct apc_store *store, double asked, uint64_t steps, apc_ns rewind)
 {
     struct apc_store_pace *words;
-    if (!(asked >= 0)) {
-        return apc_fail(store ? &store->why : NULL, APC_EINVAL, "a speed of %g: must be 0 or more", asked);
-    }
     const int rc = pace_of(store, &words, true);
     const bool simulated = rc > 0 && atomic_load_explicit(&words->now, memory_order_relaxed) != 0;
     if (simulated) {
         put_clock_number(&words->asked, asked);
         atomic_store_explicit(&words->steps, asked > 0 ? 0 : steps, memory_order_relaxed);
+    }
+    if (simulated && rewind > 0) {
+        atomic_store_explicit(&words->rewind, (uint64_t)rewind, memory_order_relaxed);
     }
     if (rc > 0) {
         store->ops->unlock(store);
@@ -65,6 +68,23 @@ int apc_store_set_speed(struct apc_store *store, double asked, uint64_t steps)
     return rc < 0 || simulated
                ? (rc < 0 ? rc : 0)
                : apc_fail(&store->why, APC_ESTATE, "the plant is not simulated: its time is real");
+}
+
+int apc_store_set_speed(struct apc_store *store, double asked, uint64_t steps)
+{
+    return asked >= 0
+               ? order_pace(store, asked, steps, 0)
+               : apc_fail(store ? &store->why : NULL, APC_EINVAL, "a speed of %g: must be 0 or more", asked);
+}
+
+int apc_store_rewind(struct apc_store *store, apc_ns to)
+{
+    struct apc_store_clock clock = {.size = sizeof clock};
+    const int rc = apc_store_clock(store, &clock);
+    if (rc > 0 && (to <= 0 || to > clock.now)) {
+        return apc_fail(&store->why, APC_EINVAL, "there is no way back to a time that is to come");
+    }
+    return rc < 0 ? rc : order_pace(store, 0, 0, to);
 }
 
 int apc_store_follow(struct apc_store *store)

@@ -30,6 +30,7 @@ struct apc_store_pace {
     _Atomic uint64_t steps;          /* to be made while it is paused */
     _Atomic uint64_t held;           /* a tick is being made */
     _Atomic uint64_t outside;        /* rows that people's programs have written between ticks */
+    _Atomic uint64_t rewind;         /* UTC: to where it is to go back; 0: it goes on */
 };
 
 struct apc_store_ops;

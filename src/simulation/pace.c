@@ -17,8 +17,7 @@
 
 struct pacer {
     struct simulation *s;
-    bool (*look)(void *ctx);
-    void *ctx;
+    const struct pace_watch *watch;
     apc_ns looked;
     double asked;       /* which holds since then: */
     apc_ns wall, plant; /* monotonic, and since t = 0 */
@@ -26,6 +25,7 @@ struct pacer {
     apc_ns window_wall, window_plant;
     bool young;          /* the first such window, which counts as it grows */
     struct samples seen; /* of what people may write to: the newest when they last did, or at the start */
+    size_t told;         /* of what they wrote */
 };
 
 /* ---- What others wrote ---------------------------------------------------------------------- */
@@ -98,6 +98,15 @@ apc_ns simulation_nearest_tick(const struct experiment *e, apc_ns t)
     return t < r->phase / 2 ? 0 : r->phase + (t - r->phase + r->period / 2) / r->period * r->period;
 }
 
+/* Before the tick at which it takes effect; what is repeated, within a tick, after it. */
+static void tell_written(struct pacer *p)
+{
+    const size_t from = p->told;
+    p->told = p->s->written.n;
+    if (p->told > from)
+        p->watch->written(p->watch->ctx, from);
+}
+
 static int make_paced_tick(struct pacer *p, apc_ns t, apc_ns end)
 {
     struct simulation *s = p->s;
@@ -106,6 +115,7 @@ static int make_paced_tick(struct pacer *p, apc_ns t, apc_ns end)
     simulation_stop_at_store(s, written < 0 ? (int)written : written > 0 ? keep_written(p, t) : 0);
     if (written > 0)
         simulation_happen(s, on_written, s);
+    tell_written(p);
     simulation_run(s, apc_ns_to_s(next < end ? next : end));
     simulation_stop_at_store(s, apc_store_end_tick(s->store, apc_clock_utc(s->clock) + 1, p->reached));
     return s->rc;
@@ -140,7 +150,7 @@ static void sleep_paced(apc_ns t)
     nanosleep(&(struct timespec){.tv_nsec = (long)t}, NULL);
 }
 
-/* Until the next tick, at @t, is due. False: somebody has ended it. */
+/* Until the next tick, at @t, is due. False: somebody has ended it, or it is to go back. */
 static bool wait_for_turn(struct pacer *p, apc_ns t)
 {
     for (;;) {
@@ -148,11 +158,11 @@ static bool wait_for_turn(struct pacer *p, apc_ns t)
         const int rc = apc_store_clock(p->s->store, &clock);
         const apc_ns wall = apc_clock_mono(NULL);
         simulation_stop_at_store(p->s, rc);
-        if (rc < 0)
+        if (rc < 0 || clock.rewind > 0)
             return false;
         if (wall - p->looked >= LOOK) {
             p->looked = wall;
-            if (p->look(p->ctx))
+            if (p->watch->look(p->watch->ctx))
                 return false;
         }
         measure_speed(p, wall, t);
@@ -180,10 +190,10 @@ static bool wait_for_turn(struct pacer *p, apc_ns t)
     }
 }
 
-int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx), void *ctx)
+int simulation_pace(struct simulation *s, double until, const struct pace_watch *watch)
 {
     const apc_ns wall = apc_clock_mono(NULL);
-    struct pacer p = {.s = s, .look = look, .ctx = ctx, .window_wall = wall, .young = true};
+    struct pacer p = {.s = s, .watch = watch, .window_wall = wall, .young = true, .told = s->written.n};
     apc_ns t = 0, end;
     if (apc_ns_from_s(until, &end) < 0 || end <= 0)
         return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", until);
@@ -191,10 +201,12 @@ int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx),
     begin_at_speed(&p, 0, wall, t);
     p.window_plant = t;
     simulation_stop_at_store(s, list_written(s->store, &p.seen));
+    simulation_stop_at_store(s, apc_store_end_tick(s->store, SIMULATION_BEGIN + t, 0));
     while (s->rc == 0 && !s->interrupted && t < end && wait_for_turn(&p, t)) {
         make_paced_tick(&p, t, end);
         (void)apc_ns_from_s(s->ended, &t);
     }
+    tell_written(&p);
     samples_free(&p.seen);
     return s->rc;
 }

@@ -132,13 +132,18 @@ int simulation_stream(struct simulation *s, double until, simulation_take_fn *ta
  * In a store that other programs use as well (shm:), into which the experiment was put, and whose clock it becomes:
  * simulation_create() otherwise. simulation_pace() goes on until @until at the speed that the store asks for, tick of
  * the plant by tick. What people write takes effect at the next one, as their actions in the experiment do at that
- * time: so the same writes at the same ticks give the same samples at any speed. @look is called every 20 ms or so;
- * when it returns true, that is the end. Returns as simulation_run().
+ * time: so the same writes at the same ticks give the same samples at any speed. It ends early where people rewind it,
+ * which the clock tells. Returns as simulation_run().
  */
+struct pace_watch {
+    bool (*look)(void *ctx);                 /* every 20 ms or so; true: that is the end */
+    void (*written)(void *ctx, size_t from); /* simulation.written has grown from there on */
+    void *ctx;
+};
 #define SPEED_MOST 1000
 int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,
                              struct apc_error *why);
-int simulation_pace(struct simulation *s, double until, bool (*look)(void *ctx), void *ctx);
+int simulation_pace(struct simulation *s, double until, const struct pace_watch *watch);
 /* The plant's tick next to @t, since t = 0; 0 is one. */
 apc_ns simulation_nearest_tick(const struct experiment *e, apc_ns t);
 /* What people wrote in another run of it, as simulation.written has it, each at its time and before all else of that

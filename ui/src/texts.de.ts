@@ -104,7 +104,6 @@ export const de = {
   "speed.simulation": "SIMULATION",
   "speed.title": "Simulation",
   "speed.speed": "Geschwindigkeit",
-  "speed.dead": "Niemand simuliert diese Anlage mehr: ihre Zeit steht still.",
   "speed.paused": "angehalten",
   "speed.asked": "verlangt {asked}×",
   "speed.reached": "verlangt {asked}×, erreicht {reached}×",
@@ -114,6 +113,7 @@ export const de = {
   "speed.play": "Weiter",
   "speed.pause": "Anhalten",
   "speed.step": "Schritt",
+  "speed.back": "In der Zeit zurück, und von dort weiter",
 
   "login.title": "Ihre Sitzung ist beendet",
   "login.label": "Anmelden",

@@ -103,7 +103,6 @@ export const en = {
   "speed.simulation": "SIMULATION",
   "speed.title": "Simulation",
   "speed.speed": "Speed",
-  "speed.dead": "Nobody simulates this plant any more: its time is stopped.",
   "speed.paused": "paused",
   "speed.asked": "asked {asked}×",
   "speed.reached": "asked {asked}×, reached {reached}×",
@@ -113,6 +112,7 @@ export const en = {
   "speed.play": "Play",
   "speed.pause": "Pause",
   "speed.step": "Step",
+  "speed.back": "Go back in time, and on from there",
 
   "login.title": "Your session has ended",
   "login.label": "Log in",

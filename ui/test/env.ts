@@ -70,6 +70,10 @@ export class FakeEnv implements Env {
   frame(call: () => void): void {
     this.frames.push(call);
   }
+  reloads = 0;
+  reload(): void {
+    this.reloads++;
+  }
   random(): number {
     return 0;
   }

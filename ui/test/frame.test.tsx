@@ -62,9 +62,9 @@ test("a simulated plant is marked on every page, and its speed is told and chang
   };
   const button = (name: string): HTMLButtonElement => [...document.querySelectorAll<HTMLButtonElement>(".speed-strip button")].find(each => each.textContent === name)!;
   env.routes.set("/api/speed", each => {
-    const {speed, steps} = each.body as {speed: number | null; steps?: number};
-    asked.push(steps == null ? speed : [speed, steps]);
-    each.answer({...now, asked: speed, t: now.t + (steps ?? 0) * 0.2});
+    const {speed, steps, rewind} = each.body as {speed: number | null; steps?: number; rewind?: number};
+    asked.push(rewind != null ? {rewind} : steps == null ? speed : [speed, steps]);
+    each.answer({...now, asked: rewind != null ? 0 : speed, t: now.t + (steps ?? 0) * 0.2});
   });
   const press = async (name: string): Promise<void> => {
     button(name).click();
@@ -90,12 +90,23 @@ test("a simulated plant is marked on every page, and its speed is told and chang
   await press("Play");
   await press("max");
   assert.equal(said(".speed-strip .said"), "as fast as it goes, reached 312.5×");
-  assert.deepEqual(asked, [0, [0, 1], 1000, null]);
+  await press("−10 s");
+  assert.equal(said(".speed-strip .said"), "paused");
+  assert.deepEqual(asked, [0, [0, 1], 1000, null, {rewind: PLANT + 2.4}]);
+  const {id} = server.state();
+  env.source.send("state", {...server.state(), id, simulation: now});
+  await settle();
+  assert.equal(env.reloads, 0);
+  env.source.send("state", {...server.state(), id: "b.1", simulation: now}); // of the page's server of the run that goes on from there
+  await settle();
+  assert.equal(env.reloads, 1, "what was later has not been");
+  env.source.send("state", {...server.state(), id, simulation: now});
+  await settle();
   env.routes.set("/api/speed", each => each.answer({error: {code: "simulation", message: "nobody simulates the plant any more"}}, 409));
   await press("100×");
   assert.equal(said('.speed-strip [role="alert"]'), "nobody simulates the plant any more");
   await beat({error: "nobody simulates the plant any more"});
-  assert.equal(said(".speed-strip .said"), "Nobody simulates this plant any more: its time is stopped.");
+  assert.equal(said(".speed-strip .said"), "nobody simulates the plant any more");
   assert.equal(document.querySelectorAll(".speed-strip button").length, 0, "buttons that nobody hears");
   await beat(null);
   assert.equal(document.querySelectorAll(".speed-strip, header .simulation").length, 0);

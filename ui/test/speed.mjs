@@ -19,8 +19,8 @@ const said = page => strip(page).locator(".said").textContent();
 /** The plant's time since its t = 0, s. */
 const time = async page => Date.parse(`${(await strip(page).locator(".plant-time").textContent()).replace(" ", "T")}00Z`) / 1000 - T0;
 
-// Promise(page/simulated-plant): The page marks a simulated plant on every screen, in both languages; it pauses, steps and
-//   changes the speed, tells the one that was reached, and says when nobody simulates the plant any more.
+// Promise(page/simulated-plant): The page marks a simulated plant on every screen, in both languages; it pauses, steps,
+//   rewinds and changes the speed, tells the one that was reached, and says when nobody simulates the plant any more.
 test("a simulated plant goes as the page says", PATIENCE, async () => {
   const page = await open(browser, "overview", {viewport: {width: 400, height: 800}});
   await until("the plant is known to be paused", async () => (await said(page)) === "paused");
@@ -59,7 +59,9 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   });
   await press(page, "Step");
   await until("one tick after that", async () => Math.abs((await time(page)) - stands - 0.2) < 0.01);
-  await press(page, "Play");
+  await press(page, "−10 s");
+  await until("it went back, and the page with it", async () => Math.abs((await time(page)) - stands - 0.2 + 10) < 0.01 && (await said(page)) === "paused");
+  await press(page, "max");
   await until("as before", async () => (await said(page)).startsWith("as fast as it goes"));
 
   await page.locator("header .language select").selectOption("de");
@@ -67,10 +69,10 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await until("auf Deutsch", async () => (await said(page)) === "angehalten");
   await page.locator("header .language select").selectOption("en");
   process.kill(Number(process.env.APC_UI_SIMULATOR), "SIGKILL");
-  await until("nobody simulates it", async () => (await said(page)) === "Nobody simulates this plant any more: its time is stopped.");
+  await until("nobody simulates it", async () => (await said(page)) === "nobody simulates the plant any more: its `apc run --speed` was ended, and its time stands still");
   assert.equal(await strip(page).getByRole("button").count(), 0);
   assert.equal(await page.locator("header .simulation").count(), 1);
-  // The browser tells that the health of so short a record is refused.
-  assert.deepEqual(page.complaints.filter(one => !one.includes("422")), []);
+  // The browser tells that the health of so short a record is refused, and that the server was away while the plant went back.
+  assert.deepEqual(page.complaints.filter(one => !/422|net::ERR/.test(one)), []);
   await page.context().close();
 });

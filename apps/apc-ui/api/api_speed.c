@@ -13,12 +13,28 @@
 struct speed_order {
     double speed;
     int64_t steps;
+    apc_ns rewind; /* UTC of the plant; 0: it goes on */
 };
+
+/* Back to a time of the plant, or to its begin. */
+static bool read_rewind_order(struct request *r, const json_t *body, struct speed_order *o)
+{
+    double t;
+    if (!member_number(body, "rewind", &t, &r->fault))
+        return false;
+    if (json_object_size(body) > 1 || !(t > 0) || apc_ns_from_s(t, &o->rewind) < 0)
+        return fault_set(&r->fault, 422, "value", "rewind",
+                         "\"rewind\" must be a time of the plant, without \"speed\" and \"steps\"");
+    o->rewind = o->rewind < SIMULATION_BEGIN ? SIMULATION_BEGIN : o->rewind;
+    return true;
+}
 
 /* A speed, null: as fast as it goes; of a paused plant so many ticks. */
 static bool read_speed_order(struct request *r, const json_t *body, struct speed_order *o)
 {
     *o = (struct speed_order){.speed = HUGE_VAL};
+    if (json_object_get(body, "rewind"))
+        return read_rewind_order(r, body, o);
     if (!json_is_null(json_object_get(body, "speed")) && !member_number(body, "speed", &o->speed, &r->fault))
         return false;
     if (json_object_get(body, "steps") && !member_whole(body, "steps", 1, STEPS_MOST, &o->steps, &r->fault))
@@ -41,6 +57,12 @@ static void await_steps(struct apc_store *store)
         nanosleep(&(struct timespec){.tv_nsec = 2 * APC_NS_PER_MS}, NULL);
 }
 
+static int give_speed_order(struct apc_store *store, const struct speed_order *o)
+{
+    return o->rewind > 0 ? apc_store_rewind(store, o->rewind)
+                         : apc_store_set_speed(store, o->speed, (uint64_t)o->steps);
+}
+
 static void set_asked_speed(struct request *r, const struct speed_order *o, struct apc_store *store)
 {
     struct apc_store_clock clock;
@@ -50,7 +72,9 @@ static void set_asked_speed(struct request *r, const struct speed_order *o, stru
         fault_set(&r->fault, 409, "simulation", NULL, "%.200s", why.text);
     else if (rc == 0)
         fault_set(&r->fault, 409, "simulation", NULL, "the plant is not simulated: its time is real");
-    else if (rc < 0 || (rc = apc_store_set_speed(store, o->speed, (uint64_t)o->steps)) < 0)
+    else if (rc > 0 && o->rewind > clock.now)
+        fault_set(&r->fault, 409, "simulation", "rewind", "the plant has not come to that time yet");
+    else if (rc < 0 || (rc = give_speed_order(store, o)) < 0)
         fault_store(r, rc, store);
     else if (o->steps > 0)
         await_steps(store);
@@ -58,7 +82,7 @@ static void set_asked_speed(struct request *r, const struct speed_order *o, stru
 
 void post_speed(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    static const char *const members[] = {"speed", "steps", NULL};
+    static const char *const members[] = {"speed", "steps", "rewind", NULL};
     struct speed_order o;
     json_t *body = body_parse(r->body, r->n, members, &r->fault);
     const bool ok = body && read_speed_order(r, body, &o);

@@ -664,6 +664,21 @@ int folder_put_written(const char *dir, const struct samples *written, apc_ns st
     return put_samples_files(dir, WRITTEN_FILE, written, start, why);
 }
 
+int folder_add_written(const char *dir, const struct samples *written, size_t from, apc_ns start,
+                       struct apc_error *why)
+{
+    const struct samples rest = {.at = written->at + from, .n = written->n - from};
+    char path[PATH_LEN];
+    path_in_folder(dir, WRITTEN_FILE, "", path);
+    FILE *file = fopen(path, "ae");
+    if (file)
+        samples_write_rows(&rest, start, file);
+    const bool failed = !file || ferror(file);
+    return (!file || fclose(file) == 0) && !failed
+               ? 0
+               : apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+}
+
 int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why)
 {
     char dir[sizeof e->file], path[PATH_LEN];

@@ -57,6 +57,9 @@ void folder_columns(const char *dir);
 /* What people wrote to a simulated plant, each row at the tick at which it took effect. Returns 0 or an error. */
 struct samples;
 int folder_put_written(const char *dir, const struct samples *written, apc_ns start, struct apc_error *why);
+/* The same of what has come to it from row @p from on, behind what is there: as people go on. */
+int folder_add_written(const char *dir, const struct samples *written, size_t from, apc_ns start,
+                       struct apc_error *why);
 /* That of the run whose folder @p e is of, in the time of a simulation. Returns 1; 0: it has no such file; or an
  * error. samples_free() in any case. */
 int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why);

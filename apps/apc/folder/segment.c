@@ -85,8 +85,9 @@ int segment_plan(struct segment *s, const struct experiment *e, struct apc_error
     choose_size(s, e, tags, n);
     s->timing_held = timing_held(s, e);
     free(tags);
-    snprintf(s->uri, sizeof s->uri, "shm:run-%d-%lld?size=%u", (int)getpid(),
-             (long long)(apc_clock_utc(NULL) / APC_NS_PER_S), s->mib);
+    if (!s->uri[0])
+        snprintf(s->uri, sizeof s->uri, "shm:run-%d-%lld?size=%u", (int)getpid(),
+                 (long long)(apc_clock_utc(NULL) / APC_NS_PER_S), s->mib);
     name_files(s, s->uri);
     return 0;
 }

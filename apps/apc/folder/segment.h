@@ -19,7 +19,7 @@ struct segment {
     int lock;
 };
 
-/* Give it a name, and the size that the experiment needs. Returns 0, or an error in @p why. */
+/* Give it a name, unless it has one, and the size that the experiment needs. Returns 0, or an error in @p why. */
 int segment_plan(struct segment *s, const struct experiment *e, struct apc_error *why);
 /* It is made: it is the run's in @p dir, until this process and those that it forked have ended. */
 int segment_own(struct segment *s, const char *dir, struct apc_error *why);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc speed: how fast the plant of `apc run --speed` is simulated. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -8,16 +9,21 @@
 #include "common/storeuri.h"
 #include "files/files.h"
 #include "operate.h"
+#include "simulation/simulation.h"
 
 #define PATIENCE (10 * APC_NS_PER_S)
+#define RETURN   (60 * APC_NS_PER_S) /* of a plant that goes back, once what was is reported */
 
 static const struct cli_spec spec = {
-    .args_doc = "[X | pause | max | step [N]]",
+    .args_doc = "[X | pause | max | step [N] | rewind SECONDS]",
     .doc = "Show or change how fast the plant of `apc run --speed` is simulated: X plant seconds per second, "
            "from 0 "
            "to 1000, or as fast as the machine can. `pause` is 0; `step` makes the next N ticks of a paused "
            "plant "
-           "(1), and returns when they are made. A speed that the machine cannot hold shows as a lower one "
+           "(1), and returns when they are made. `rewind` goes back to SECONDS since the start, paused: what "
+           "people "
+           "did before that is done again, and the run as it was until now is kept beside its folder. A "
+           "speed that the machine cannot hold shows as a lower one "
            "that was reached.",
     .takes = CLI_STORE | CLI_FORMAT,
     .min_args = 0,
@@ -70,13 +76,57 @@ static int wait_for_steps(const struct cli *cli, struct apc_store *store)
     }
 }
 
-/* What the arguments ask for. */
-static int read_speed_arguments(const struct cli *cli, double *speed, uint64_t *steps)
+/* The plant has come to where it goes back to, in the next store of that name. */
+static bool has_returned(const struct cli *cli, apc_ns *now)
+{
+    struct apc_store *store = NULL;
+    struct apc_store_clock clock = {.size = sizeof clock};
+    struct apc_error why;
+    const bool there =
+        store_open(&store, cli->store, NULL, NULL) == 0 && store_simulated(store, &clock, &why) > 0;
+    apc_store_close(store);
+    if (there && clock.rewind == 0)
+        *now = clock.now;
+    return there && clock.rewind == 0 && !isinf(clock.asked);
+}
+
+static int rewind_plant(const struct cli *cli, struct apc_store *store, double to)
+{
+    struct apc_store_clock clock;
+    struct apc_error why;
+    apc_ns t = 0, now = 0, was = 0, since;
+    int rc = store_simulated(store, &clock, &why);
+    if (rc < 0)
+        return cli_error(cli, rc, "%s", why.text);
+    if (rc > 0 && (apc_ns_from_s(to, &t) < 0 || t > clock.now - SIMULATION_BEGIN))
+        return cli_error(cli, APC_ERANGE, "rewind %g: the plant is at %g s: expected a time before", to,
+                         apc_ns_to_s(clock.now - SIMULATION_BEGIN));
+    rc = apc_store_rewind(store, rc > 0 ? SIMULATION_BEGIN + t : 1);
+    if (rc < 0)
+        return cli_store_error(cli, rc, store);
+    for (since = apc_clock_mono(NULL); !has_returned(cli, &now); was = now) {
+        if (now != was)
+            since = apc_clock_mono(NULL);
+        if (apc_clock_mono(NULL) - since > RETURN)
+            return cli_error(cli, APC_ETIMEDOUT,
+                             "the plant did not come back within 60 s: see what its `apc run` says");
+        nanosleep(&(struct timespec){.tv_nsec = 10 * APC_NS_PER_MS}, NULL);
+    }
+    return EXIT_OK;
+}
+
+/* What the arguments ask for. @p back: below 0: not to go back. */
+static int read_speed_arguments(const struct cli *cli, double *speed, uint64_t *steps, double *back)
 {
     struct apc_error why;
     const char *first = cli->args[0];
     const bool step = !strcmp(first, "step");
     double n = 1;
+    if (!strcmp(first, "rewind"))
+        return cli->n_args > 1 && apc_number_parse(cli->args[1], back) == 0 && *back >= 0 && *back <= YEAR
+                   ? EXIT_OK
+                   : cli_usage(cli, "rewind \"%s\": must be seconds since the start, 0 or more",
+                               cli->n_args > 1 ? cli->args[1] : "");
     if (cli->n_args > 1 && (!step || apc_number_parse(cli->args[1], &n) < 0 || !(n >= 1 && n <= 1e9) ||
                             n != (double)(uint64_t)n))
         return cli_usage(cli,
@@ -107,15 +157,17 @@ int command_speed(int argc, char **argv)
 {
     struct apc_store *store = NULL;
     struct cli cli;
-    double speed = 0;
+    double speed = 0, back = -1;
     uint64_t steps = 0;
 
     cli_parse(&cli, &spec, NULL, argc, argv);
-    int rc = cli.n_args > 0 ? read_speed_arguments(&cli, &speed, &steps) : EXIT_OK;
+    int rc = cli.n_args > 0 ? read_speed_arguments(&cli, &speed, &steps, &back) : EXIT_OK;
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
-        rc = cli.n_args > 0 ? set_speed(&cli, store, speed, steps) : show_speed(&cli, store);
+        rc = cli.n_args == 0 ? show_speed(&cli, store)
+             : back < 0      ? set_speed(&cli, store, speed, steps)
+                             : rewind_plant(&cli, store, back);
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

@@ -142,22 +142,19 @@ static void unblock(const sigset_t *set)
 
 /* ---- The daemons -------------------------------------------------------------------------- */
 
-/* A socket that listens on a port of this host; 0: any. Sets *port. Negative: it is taken. */
-static int listen_on_port(int *port)
+/* A socket that listens on a port of this host; 0: any. Negative: it is taken. */
+static int listen_on_port(int port)
 {
     struct sockaddr_in address = {
-        .sin_family = AF_INET, .sin_port = htons((uint16_t)*port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    socklen_t size = sizeof address;
+        .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     const int on = 1;
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (fd < 0 || setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) < 0 ||
-        bind(fd, (struct sockaddr *)&address, size) < 0 || listen(fd, 128) < 0 ||
-        getsockname(fd, (struct sockaddr *)&address, &size) < 0) {
+        bind(fd, (struct sockaddr *)&address, sizeof address) < 0 || listen(fd, 128) < 0) {
         if (fd >= 0)
             close(fd);
         return -1;
     }
-    *port = ntohs(address.sin_port);
     return fd;
 }
 
@@ -182,18 +179,18 @@ static bool find_graphic(struct run *r)
  * address that is printed can be nobody else's. */
 static void add_page(struct run *r)
 {
-    int port = PAGE_PORT;
     if (r->options.no_ui)
         return;
-    r->listener = listen_on_port(&port);
-    if (r->listener < 0) {
-        port = 0;
-        r->listener = listen_on_port(&port);
-    }
+    if (r->listener <= 0)
+        r->listener = listen_on_port(PAGE_PORT);
     if (r->listener < 0)
+        r->listener = listen_on_port(0);
+    struct sockaddr_in address = {0};
+    socklen_t size = sizeof address;
+    if (r->listener < 0 || getsockname(r->listener, (struct sockaddr *)&address, &size) < 0)
         return;
-    snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
-    const bool drawn = find_graphic(r);
+    snprintf(r->page, sizeof r->page, "127.0.0.1:%d", ntohs(address.sin_port));
+    const bool drawn = r->graphic[0] || find_graphic(r);
     add_child(r, &(struct child){.name = "apc-ui",
                                  .extra = {"--listen", r->page, drawn ? "--graphic" : NULL, r->graphic},
                                  .aside = true,
@@ -449,7 +446,10 @@ int command_run(int argc, char **argv)
     struct run r = {.options = {.duration = -1}};
     umask(077); /* the record of a plant is its owner's */
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
+    run_take_over(&r);
     int rc = run_experiment(&r);
+    if (rc == 0 && r.rewind > 0)
+        rc = run_rewind(&r);
     samples_free(&r.written);
     apc_store_close(r.store);
     apc_store_close(r.guard);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Before the daemons of `apc run` start: its folder, its stores, whose they are. */
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -101,6 +102,12 @@ static int claim_simulated(struct run *r)
     return rc;
 }
 
+/* As fast as it goes to where people go on. */
+static double run_speed(const struct run *r)
+{
+    return r->options.from > 0 ? HUGE_VAL : r->options.speed;
+}
+
 int run_prepare_store(struct run *r)
 {
     struct apc_store *guard = NULL;
@@ -113,8 +120,8 @@ int run_prepare_store(struct run *r)
         cli_store_error(&r->cli, rc, r->store);
         return rc;
     }
-    if (r->options.pace && ((rc = apc_store_end_tick(r->store, SIMULATION_BEGIN, 0)) < 0 ||
-                            (rc = apc_store_set_speed(r->store, r->options.speed, 0)) < 0 ||
+    if (r->options.pace && ((rc = apc_store_end_tick(r->store, SIMULATION_BEGIN, -1)) < 0 ||
+                            (rc = apc_store_set_speed(r->store, run_speed(r), 0)) < 0 ||
                             (rc = apc_store_follow(r->store)) < 0)) {
         cli_store_error(&r->cli, rc, r->store);
         return rc;

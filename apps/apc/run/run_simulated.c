@@ -22,7 +22,7 @@ struct simulated_run {
     struct apc_replication *record;
     apc_ns said, checked, recorded; /* monotonic */
     double recorded_t;
-    bool terminal;
+    bool terminal, ended; /* by a signal */
 };
 
 static bool fail_simulated(struct simulated_run *v, int rc, const char *what, const char *why)
@@ -63,6 +63,7 @@ static bool look_after(void *ctx)
     const int signal = sigtimedwait(v->signals, NULL, &at_once);
     if (signal > 0) {
         printf("%sstopping (%s)\n", v->terminal ? "\n" : "", signal == SIGINT ? "Ctrl-C" : "signal");
+        v->ended = true;
         return true;
     }
     if (now - v->checked >= SUPERVISOR_LOOK) {
@@ -76,24 +77,32 @@ static bool look_after(void *ctx)
     return keep_record(v, now);
 }
 
+/* Should the process be killed, the folder has what people did. */
+static void add_written(void *ctx, size_t from)
+{
+    struct simulated_run *v = ctx;
+    struct apc_error why;
+    const int rc = folder_add_written(v->r->dir, &v->s.written, from, SIMULATION_BEGIN, &why);
+    if (rc < 0 && !v->r->failure.text[0])
+        fail_simulated(v, rc, "", why.text);
+}
+
 static int open_record(struct simulated_run *v, struct apc_error *why)
 {
     int rc = store_open(&v->history, v->r->history, NULL, why);
     return rc < 0 ? rc : apc_replication_create(&v->record, v->s.store, v->history, why);
 }
 
-/* As fast as it goes to where people go on, at the speed that they asked for. Returns 1, 0: it was ended before, or an
+/* To where people go on, at the speed that they asked for. Returns 1, 0: it was ended before, or an
  * error. */
-static int repeat_until_then(struct simulated_run *v)
+static int repeat_until_then(struct simulated_run *v, const struct pace_watch *watch)
 {
     const struct run *r = v->r;
     if (!(r->options.from > 0))
         return 1;
     int rc = simulation_repeat_writes(&v->s, &r->written);
     if (rc == 0)
-        rc = apc_store_set_speed(v->s.store, HUGE_VAL, 0);
-    if (rc == 0)
-        rc = simulation_pace(&v->s, r->options.from, look_after, v);
+        rc = simulation_pace(&v->s, r->options.from, watch);
     if (rc == 0)
         rc = apc_store_set_speed(v->s.store, r->options.speed, 0);
     return rc < 0 ? rc : v->s.ended >= r->options.from;
@@ -102,13 +111,21 @@ static int repeat_until_then(struct simulated_run *v)
 static void simulate_for_people(struct simulated_run *v)
 {
     struct run *r = v->r;
+    const struct pace_watch watch = {look_after, add_written, v};
+    struct apc_store_clock clock = {.size = sizeof clock};
     struct apc_error why;
-    int rc = repeat_until_then(v);
+    int rc = folder_put_written(r->dir, &v->s.written, SIMULATION_BEGIN, &why);
+    if (rc < 0)
+        r->failure = why;
+    else
+        rc = repeat_until_then(v, &watch);
     if (rc > 0)
-        rc = simulation_pace(&v->s, r->e.duration > 0 ? r->e.duration : YEAR, look_after, v);
+        rc = simulation_pace(&v->s, r->e.duration > 0 ? r->e.duration : YEAR, &watch);
     if (rc < 0 && !r->failure.text[0])
         r->failure = v->s.why;
     say_time(v);
+    if (!v->ended && apc_store_clock(v->s.store, &clock) > 0)
+        r->rewind = clock.rewind;
     rc = folder_put_written(r->dir, &v->s.written, SIMULATION_BEGIN, &why);
     if (rc < 0 && !r->failure.text[0])
         r->failure = why;

@@ -168,11 +168,64 @@ cp -r "$work/session" "$work/torn"
 head -c 60 "$work/session/written.csv" >"$work/torn/written.csv"
 expect 1 'written.csv' "$apc" simulate "$work/torn"
 
+# Back in time: what was is a run folder by itself, what goes on from there is in its place, for the page and in the same store too.
+# Promise(run/rewind): Who rewinds a simulated run goes on from that tick: what people did before is done again, exactly, and the run
+#   as it was until then is kept as a run folder.
+# back_to SECONDS
+back_to() { expect 0 '' "$apc" speed --store "$store" rewind "$1"; }
+begin back
+speed step 12
+expect 0 '' "$apc" set --store "$store" r 12
+speed step 88
+expect 0 '' "$apc" mode --store "$store" man --no-wait
+expect 0 '' "$apc" set --store "$store" --no-wait u 1.5
+speed step 60
+expect 4 'the plant is at 32 s: expected a time before' "$apc" speed --store "$store" rewind 33
+expect 2 'must be seconds since the start' "$apc" speed --store "$store" rewind
+expect 2 'must be seconds since the start' "$apc" speed --store "$store" rewind ten
+back_to 11.31
+expect 0 '"t":946684811.4[0-9]*,"asked":0,"reached":0,"steps":0' speed --json
+expect 0 ' 12 ' "$apc" get --store "$store" r
+expect 0 '' "$apc" set --store "$store" r 15
+speed step 60
+page=$(sed -n 's/^page: *//p' "$work/back.log" | tail -n 1)
+[ "$(grep -c "^page: *$page\$" "$work/back.log")" -eq 2 ] || fail "the page has moved: $(cat "$work/back.log")"
+until_true 60 curl -fsS -o "$work/state.json" "${page}api/state"
+grep -q '"t":946684823.4' "$work/state.json" || fail "the page shows another time: $(head -c 100 "$work/state.json")"
+csrf=$(curl -fsS "${page}api/session" | sed -n 's/.*"csrf":"\([^"]*\)".*/\1/p')
+told '"field":"rewind".* 409' '{"rewind":946684823.6}'
+told '"field":"rewind".* 422' '{"rewind":946684803,"speed":1}'
+told '"field":"rewind".* 422' '{"rewind":0}'
+ask '{"rewind":946684803.05}' >"$work/answer.json" || true # its server goes away with the run
+there_again() { speed --json | grep -q '"t":946684803[0-9.]*,"asked":0,'; }
+until_true 60 there_again
+expect 0 ' 12 ' "$apc" get --store "$store" r
+back_to 0
+expect 0 '"t":946684800[0-9.]*,"asked":0,' speed --json
+speed step 12
+expect 0 '' "$apc" set --store "$store" r 12
+speed step 88
+expect 0 '' "$apc" mode --store "$store" man --no-wait
+expect 0 '' "$apc" set --store "$store" --no-wait u 1.5
+speed max
+wait $pid || fail "exit code $?"
+[ "$(digest "$work/back/samples.csv")" = "$expected" ] || fail "what goes on from there is another run"
+for was in back.1 back.2 back.3 back; do
+  expect 0 '' "$apc" replay "$work/$was"
+  "$apc" simulate "$work/$was" --csv - 2>"$work/simulate.log" | cmp - "$work/$was/samples.csv" || fail "the simulation of $was is another"
+done
+[ ! -e "$work/back.4" ] || fail "a run that nobody rewound"
+awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.1/samples.csv" >"$work/before"
+awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.2/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
+grep -q '^20.000000,actuator,1,.*,1.5$\|^20.0[0-9]*,actuator,1,.*,1.5$' "$work/back.1/samples.csv" || fail "what was later is lost"
+
 # Once it has been killed, nothing shows it as one that lives: its time is not followed, and nothing is written for it.
 # killed X: one that ran at that speed, and was killed
 killed() {
   begin "killed-$1" --no-ui
   speed step 10
+  expect 0 '' "$apc" set --store "$store" r 10.5
+  speed step 1
   speed "$1"
   kill -KILL $pid
   wait $pid && fail "it lives"
@@ -180,7 +233,7 @@ killed() {
   for word in pause step max 20; do
     expect 1 'nobody simulates the plant any more' "$apc" speed --store "$store" $word
   done
-  expect 0 ' 10 ' "$apc" get --store "$store" r
+  expect 0 ' 10.5 ' "$apc" get --store "$store" r
   expect 0 '"stale":true' "$apc" status --json --store "$store"
   for word in 'set r 12' 'mode man'; do
     # shellcheck disable=SC2086
@@ -188,6 +241,8 @@ killed() {
   done
   expect 4 'time is not real' "$APC_BIN/apc-controller" --config "$file" --store "${store%%+*}"
   expect 0 '' "$apc" drain "$work/killed-$1"
+  expect 0 "2.000000,setpoint,1,Good,10.5" cat "$work/killed-$1/written.csv"
+  expect 0 'written again at the same ticks: [1-9]' "$apc" simulate "$work/killed-$1"
 }
 for x in 1 0; do killed $x; done
 

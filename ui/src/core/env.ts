@@ -14,6 +14,7 @@ export interface Env {
   frame(call: () => void): void;
   fetch(path: string, init: RequestInit): Promise<Response>;
   events(path: string): Source;
+  reload(): void;
   random(): number;
   recall(name: string): string | null; // what this browser keeps from one visit to the next
   keep(name: string, value: string): void;
@@ -46,6 +47,7 @@ const browser: Env = {
       close: () => source.close(),
     };
   },
+  reload: () => location.reload(),
   random: Math.random,
   recall(name) {
     try {

@@ -257,7 +257,9 @@ function receive(type: string, data: unknown): void {
   switch (type) {
     case "state": {
       const state = data as State;
+      const before = instance;
       instance = state.id.split(".")[0] ?? "";
+      if (simulation.value && before && before !== instance) env.reload(); // it went back: what was later has not been
       store.value = state.store;
       for (const ref of values.keys()) if (!(ref in state.values)) setNewest(ref, nothing);
       moded = take(state.values, state.ages, late);

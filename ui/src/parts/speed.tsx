@@ -6,15 +6,16 @@ import {useWriteBar, wall} from "../access";
 import {post} from "../core/api";
 import {number, stamp} from "../core/format";
 import {simulation} from "../core/model";
-import {tr} from "../core/texts";
+import {said as worded, tr} from "../core/texts";
 import type {Simulation} from "../core/types";
 import {useCell} from "../usecell";
 
 const SPEEDS = [1, 10, 100, 1000, null]; // null: as fast as it goes
 const HELD = 0.9; // of what is asked for
+const BACK = [10, 60]; // s
 
 function told({asked, reached, error}: Simulation): string {
-  if (error != null) return tr("speed.dead");
+  if (error != null) return worded(error);
   if (asked === 0) return tr("speed.paused");
   const speeds = {asked: asked ?? 0, reached: number(reached, 1)};
   if (asked == null) return tr("speed.max", speeds);
@@ -29,14 +30,15 @@ export function SpeedStrip(): JSX.Element | null {
   const before = useRef<number | null>(1);
   if (!now) return null;
   if (now.asked !== 0) before.current = now.asked;
-  const ask = (speed: number | null, steps?: number): void =>
-    void post<Simulation>("/api/speed", {speed, steps}, 10).then(
+  const order = (body: object): void =>
+    void post<Simulation>("/api/speed", body, 10).then(
       said => {
         simulation.value = said;
         setTrouble(null);
       },
       (error: Error) => setTrouble(error.message),
     );
+  const ask = (speed: number | null, steps?: number): void => order({speed, steps});
   const bar = {disabled: barred != null, title: barred ?? undefined};
   const paused = now.asked === 0;
   return (
@@ -47,6 +49,9 @@ export function SpeedStrip(): JSX.Element | null {
         <>
           <button type="button" {...bar} onClick={() => ask(paused ? before.current : 0)}>{tr(paused ? "speed.play" : "speed.pause")}</button>
           <button type="button" {...bar} disabled={barred != null || !paused} onClick={() => ask(0, 1)}>{tr("speed.step")}</button>
+          <span class="segments" role="group" aria-label={tr("speed.back")}>
+            {BACK.map(s => <button type="button" key={s} {...bar} title={barred ?? tr("speed.back")} onClick={() => order({rewind: now.t - s})}>{`−${s} s`}</button>)}
+          </span>
           <span class="segments" role="group" aria-label={tr("speed.speed")}>
             {SPEEDS.map(one => <button type="button" key={one} {...bar} aria-pressed={one === now.asked} onClick={() => ask(one)}>{one == null ? tr("speed.most") : `${one}×`}</button>)}
           </span>
