@@ -8,7 +8,7 @@ import sys
 sys.path.insert(0, sys.argv[1])
 api = importlib.import_module("apc_ui_client.api.default")
 client = importlib.import_module("apc_ui_client").AuthenticatedClient(base_url=sys.argv[2], token=sys.argv[3])
-GIVEN = {"var": "sensor.1", "since": -60, "bins": 5, "task": "controller", "quantity": "jitter", "output": "u"}
+GIVEN = {"var": "sensor.1", "since": -60, "bins": 5, "task": "controller", "quantity": "jitter", "output": "u", "alarm": "y.high", "at": -1}
 
 asked = 0
 for module in pkgutil.iter_modules(api.__path__):

@@ -178,7 +178,7 @@ bool authorize_request(struct ui *ui, struct request *r, const char *method)
     if (!route)
         return fault_set(&r->fault, 404, "path", NULL, "there is nothing here");
     if (strcmp(method, route->method) != 0 && !(!strcmp(method, "HEAD") && !strcmp(route->method, "GET")))
-        return fault_set(&r->fault, 405, "method", NULL, "%s takes %s only", route->path, route->method);
+        return fault_set(&r->fault, 405, "method", NULL, "%s takes %s only", route->path, r->methods);
     if (r->session.role < route->role) {
         (void)change_role(r->session.user, role_name(r->session.role), role_name(route->role), &why);
         return fault_set(&r->fault, 403, why.code, NULL, "%s", why.text);

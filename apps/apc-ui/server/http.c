@@ -184,7 +184,7 @@ static enum MHD_Result answer_http(struct exchange *x)
     if (r->close)
         MHD_add_response_header(response, "Connection", "close");
     if (r->status == 405)
-        MHD_add_response_header(response, "Allow", r->route->method);
+        MHD_add_response_header(response, "Allow", r->methods);
     if (r->retry_after > 0) {
         snprintf(seconds, sizeof seconds, "%" PRId64, (r->retry_after + APC_NS_PER_S - 1) / APC_NS_PER_S);
         MHD_add_response_header(response, "Retry-After", seconds);
@@ -444,6 +444,16 @@ static const struct route *find_route(const struct ui *ui, const char *method, c
     return found;
 }
 
+/* Each method of a path has a route of its own. */
+static const char *methods_of(const struct ui *ui, const struct route *route)
+{
+    const struct site *site = ui->server->site;
+    for (size_t i = 0; i < site->n; i++)
+        if (&site->route[i] != route && !strcmp(site->route[i].path, route->path))
+            return "GET, POST";
+    return route->method;
+}
+
 static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const char *name,
                                        const char *value)
 {
@@ -501,6 +511,7 @@ static enum MHD_Result begin_http(struct exchange *x, const char *method, const 
         if (!strcmp(x->ui->server->site->former[i].former, path))
             r->former = &x->ui->server->site->former[i];
     r->route = find_route(x->ui, method, r->former ? r->former->present : path, r->name);
+    r->methods = r->route ? methods_of(x->ui, r->route) : NULL;
     if (!framed(r) || !authorize_request(x->ui, r, method)) {
         fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */
         return answer_http(x);

@@ -60,6 +60,7 @@ struct site {
 
 struct request {
     const struct route *route;
+    const char *methods; /* of its path: "GET", "POST" or "GET, POST" */
     struct MHD_Connection *connection;
     struct connection *from;
     struct session session;

@@ -94,7 +94,7 @@ static const struct route *route(const char *method, const char *path)
 /* The status of the refusal; 0: it passed. What the gate returns and what it says agree. */
 static int gate(const struct route *of, const char *method)
 {
-    request = (struct request){.route = of, .from = &from};
+    request = (struct request){.route = of, .methods = of ? of->method : NULL, .from = &from};
     bool passed = authorize_request(ui, &request, method);
     assert_int_equal(passed, request.fault.http == 0);
     assert_true(passed || request.fault.message[0]);

@@ -419,6 +419,7 @@ static void a_wrong_method_is_told_the_right_one(void **state)
 {
     static const char *const cases[][3] = {{"POST", "/api/state", "GET"},
                                            {"GET", "/api/setpoint", "POST"},
+                                           {"OPTIONS", "/api/retake", "GET, POST"},
                                            {"PUT", "/", "GET"},
                                            {"DELETE", "/app-1A2B3C4D.js", "GET"}};
     struct http_reply reply;
