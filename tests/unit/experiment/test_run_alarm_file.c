@@ -223,8 +223,8 @@ static void quiet_hours_are_of_the_local_day(void **state)
     assert_int_equal(quiet_at("12:00-13:30", "2026-01-10T10:59:59Z"), 0);
     assert_int_equal(quiet_at("12:00-13:30", "2026-01-10T11:15:00Z"), 75 * m);
     assert_int_equal(quiet_at("12:00-13:30", "2026-01-10T12:30:00Z"), 0);
-    assert_int_equal(quiet_at("22:00-06:00", "2026-03-28T21:30:00Z"), 390 * m); /* a night without 02:00 */
-    assert_int_equal(quiet_at("22:00-06:00", "2026-10-24T20:30:00Z"), 510 * m); /* one that has it twice */
+    assert_int_equal(quiet_at("22:00-06:00", "2026-03-28T21:30:00Z"), 390 * m);  /* a night without 02:00 */
+    assert_int_equal(quiet_at("22:00-06:00", "2026-10-24T20:30:00Z"), 510 * m);  /* one that has it twice */
     assert_in_range(quiet_at("22:00-02:45", "2026-10-25T01:30:00Z"), m, 15 * m); /* which 02:45 is open */
     assert_int_equal(unsetenv("TZ"), 0);
     tzset();
