@@ -162,6 +162,8 @@ static int narrow_range(struct season *s, struct apc_error *why)
     known_free(&plant);
     if (rc < 0)
         return apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(s->of.store));
+    if (first > last)
+        return apc_fail(why, APC_ENOTFOUND, "no ticks are on record");
     s->of.since = first > s->of.since ? first : s->of.since;
     s->of.until = last < s->of.until - 1 ? last + 1 : s->of.until;
     return 0;

@@ -482,9 +482,11 @@ static int await_wanted(struct session *s, struct wanted *w)
     const apc_ns end = apc_clock_mono(NULL) + 3 * s->summary.e.alarms.rhythm.period + GRACE;
     const char *name = alarm_summary_alarm(&s->summary, w->now)->name;
     char text[192];
+    struct apc_error ended;
     enum outcome outcome;
+    int still = 0;
     while ((outcome = alarm_summary_outcome(&s->summary, w->now, &w->request, s->now)) == OUTCOME_WAITING &&
-           apc_clock_mono(NULL) < end) {
+           (still = operate_still(s->store, &ended)) == 0 && apc_clock_mono(NULL) < end) {
         nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
         const int rc = read_alarm_summary(s);
         if (rc != EXIT_OK)
@@ -509,7 +511,14 @@ static int await_wanted(struct session *s, struct wanted *w)
     case OUTCOME_NOBODY:
         break;
     }
-    return cli_error(&s->cli, APC_ETIMEDOUT, "%s: written, but apc-alarms has not come to it", name);
+    if (still > 0) {
+        print_clean(stdout, text);
+        puts(OPERATE_PAUSED);
+        return EXIT_OK;
+    }
+    return still < 0
+               ? cli_error(&s->cli, still, "%s: written, but %s", name, ended.text)
+               : cli_error(&s->cli, APC_ETIMEDOUT, "%s: written, but apc-alarms has not come to it", name);
 }
 
 static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum apc_alarm_switch which,

@@ -125,8 +125,7 @@ static const char *group_of(const struct operation *o)
     return o->group && operation_is_one(o) ? o->group : NULL;
 }
 
-/* Of a plant whose time stands still nothing can be awaited: 1, it is paused; negative: nobody simulates it. */
-static int is_plant_still(struct apc_store *store, struct apc_error *why)
+int operate_still(struct apc_store *store, struct apc_error *why)
 {
     struct apc_store_clock clock;
     const int rc = store_simulated(store, &clock, why);
@@ -138,7 +137,7 @@ static int await_ready(const struct cli *cli, struct apc_store *store, struct op
     struct change_fault why;
     struct apc_error ended;
     int rc, still = 0;
-    while ((rc = operation_ready(o, store, &why)) == 0 && (still = is_plant_still(store, &ended)) == 0)
+    while ((rc = operation_ready(o, store, &why)) == 0 && (still = operate_still(store, &ended)) == 0)
         pause_for(PAUSE);
     if (rc == 0 && still < 0)
         return cli_error(cli, still, "%s", ended.text);
@@ -189,13 +188,13 @@ static int await_outcome(const struct cli *cli, struct apc_store *store, struct 
 {
     struct apc_error ended;
     int rc, still = 0;
-    while ((rc = operation_poll(o, store)) == 0 && (still = is_plant_still(store, &ended)) == 0 &&
+    while ((rc = operation_poll(o, store)) == 0 && (still = operate_still(store, &ended)) == 0 &&
            (rc = operation_wait(o, store, APC_NS_PER_S)) == 0)
         ;
     if (rc == 0 && still < 0)
         return cli_error(cli, still, "written, but %s", ended.text);
     if (rc == 0) {
-        show_written(o, " (written: the simulation is paused, its next tick applies it)");
+        show_written(o, OPERATE_PAUSED);
         return EXIT_OK;
     }
     return rc < 0

@@ -295,12 +295,16 @@ static int show_retaken(const struct operation *o)
         const struct change *c = &o->change[i];
         const struct apc_tag *tag = plant_tag(o->plant, c->to.table, c->to.id);
         struct apc_sample then = c->after;
+        const bool given_back = loops_is_owner(&then) && !loops_is_local(&then);
         then.seq = 1;
         print_cell(&table, PRINT_PLAIN, "%s%s", c->to.name,
                    c->to.table == APC_OPMODE && c->to.loop ? " mode" : "");
         print_cell(&table, PRINT_PLAIN, "%s", change_text(&c->before, text));
         print_cell(&table, PRINT_PLAIN, "%s", change_text(&then, text));
-        print_cell(&table, PRINT_FAINT, "%s", tag ? tag->unit : "");
+        print_cell(&table, PRINT_FAINT, "%s",
+                   given_back ? "the scheduler, or the loop above, moves it at once"
+                   : tag      ? tag->unit
+                              : "");
     }
     return print_table_end(&table, stdout, cli_colour(), 0);
 }

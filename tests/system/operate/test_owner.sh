@@ -24,17 +24,19 @@ still_seven() {
 
 look() {
   background run "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/$1"
-  local run=$pid was
+  local run=$pid was then
   until_true 60 ticked_until 5
   steps_again
   "$apc" status --json >"$work/status"
   grep -q '"owner":"Remote"' "$work/status" || fail "$(cat "$work/status")"
+  then=$(date -u +%FT%T.%6NZ)
   expect 0 'r: 1[01] -> 7 \(applied\)' "$apc" set r 7
   [ "$(value r.owner)" = 0 ] || fail "$APC_STORE: r.owner is $(last r.owner)"
   seven=$(last r)
   [ "$(value r)" = 7 ] || fail "$APC_STORE: r is $seven"
   still_seven
   [ "$(events 'r is Local: its steps are not written')" = 1 ] || fail "$APC_STORE: not said once"
+  expect 0 'r\.owner +Local +Remote +the scheduler, or the loop above, moves it at once$' "$apc" set --from "$then"
   expect 0 'r is Local: `apc remote` gives it back' "$apc" status
   expect 0 '"owner":"Local"' "$apc" status --json
   expect 0 'r.owner +Local' "$apc" get r.owner

@@ -219,6 +219,18 @@ awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.1/samples.csv" >"$work/befor
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.2/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
 grep -q '^20.000000,actuator,1,.*,1.5$\|^20.0[0-9]*,actuator,1,.*,1.5$' "$work/back.1/samples.csv" || fail "what was later is lost"
 
+# What people want of an alarm waits for the next tick as well
+sed 's/name = "y";/& alarms = ( { kind = "high"; limit = 1.0; } );/' "$file" >"$work/alarmed.conf"
+file=$work/alarmed.conf begin alarmed --no-ui
+speed step 20
+expect 0 'y\.high: acknowledged \(seen\) \(written: the simulation is paused, its next tick applies it\)$' \
+  "$apc" alarm ack y.high --reason seen --store "$store"
+speed step 5
+expect 0 '^y\.high +3 +Acknowledged Active' "$apc" alarm list --store "$store"
+expect 0 '^y\.high: acknowledged|^y\.high: shelved .*paused' "$apc" alarm shelve y.high --for 1h --store "$store"
+kill -INT $pid
+wait $pid || fail "the run ended with $?"
+
 # Once it has been killed, nothing shows it as one that lives: its time is not followed, and nothing is written for it.
 # killed X: one that ran at that speed, and was killed
 killed() {

@@ -141,6 +141,10 @@ cp history.db eventless.db
 sqlite3 eventless.db "DELETE FROM event WHERE kind = 'operator'"
 "$apc" why "u@$utc" --over 0.3 --store "sqlite:$work/eventless.db" >eventless.txt
 grep -q '^20.*  .*: r = 8$' eventless.txt || fail "without its event a write is a name alone: $(cat eventless.txt)"
+# A store in which nothing ever ran
+"$apc" init "$APC_SOURCE_DIR/experiments/first-order.conf" --store "sqlite:$work/never.db"
+expect 1 'no ticks are on record$' "$apc" replay --store "sqlite:$work/never.db"
+
 # A row that was altered is named; the ticks of a run that follows in the same store come out too.
 # Promise(simulation/replay-store)
 cp history.db altered.db
