@@ -204,7 +204,10 @@ test("no number is cut, however long it or its unit is, whether the screen is na
         for (const width of [1280, 400]) {
           await page.setViewportSize({width, height: 900});
           await until("there are numbers", async () => (await page.locator("main .value .digits").count()) > 0);
-          assert.deepEqual(await cutNumbers(page), [], `${at} with ${y}, ${r}, ${u}, ${width} px wide`);
+          await until(`no number is cut: ${at} with ${y}, ${r}, ${u}, ${width} px wide`, async () => {
+            assert.deepEqual(await cutNumbers(page), []); // once it is laid out for that width
+            return true;
+          });
         }
         if (at !== "loop" || texts != null) return;
         const setpoint = page.locator('main .value[data-ref="setpoint.1"]').first();
@@ -277,7 +280,10 @@ test("long names lie on nothing, and nothing on them, whether the screen is narr
         await page.setViewportSize({width, height: 900});
         await until("the page has content", async () => (await page.locator("main :is(.value .digits, td)").count()) > 0);
         await until("the alarm is there", () => page.locator(".alarm-line .first b").isVisible());
-        assert.deepEqual(await overprinted(page), [], `${at}, ${more} more, ${width} px wide`);
+        await until(`nothing is overprinted: ${at}, ${more} more, ${width} px wide`, async () => {
+          assert.deepEqual(await overprinted(page), []);
+          return true;
+        });
       }
       const upright = await page.evaluate(() => window.upright);
       assert.equal(upright.length > 0, /trend|prediction/.test(at), `${at} has ${upright.length} titles of axes`);
