@@ -305,6 +305,54 @@ static void check_requests(struct settings *s, const config_setting_t *group,
     }
 }
 
+/* Number @p i of all that is written: outputs, the watchdog, those of outputs. NULL: there is none. */
+static const struct apc_modbus_point *written_point(const struct experiment *e, size_t i)
+{
+    const struct apc_modbus_options *o = &e->client.modbus;
+    const size_t nu = e->dim.nu;
+    const struct apc_modbus_point *p = i < nu         ? &o->u[i]
+                                       : i == nu      ? o->watchdog
+                                       : o->watchdogs ? &o->watchdogs[i - nu - 1]
+                                                      : NULL;
+    return p && p->area ? p : NULL;
+}
+
+static void name_written(const struct experiment *e, size_t i, char text[APC_TAG_LEN + 32])
+{
+    const size_t nu = e->dim.nu;
+    if (i == nu)
+        snprintf(text, APC_TAG_LEN + 32, "the watchdog");
+    else
+        snprintf(text, APC_TAG_LEN + 32, "%soutput \"%s\"", i < nu ? "" : "the watchdog of ",
+                 e->u[i < nu ? i : i - nu - 1].tag.name);
+}
+
+static bool share_a_place(const struct apc_modbus_point *a, const struct apc_modbus_point *b, unsigned unit)
+{
+    return (a->unit ? a->unit : unit) == (b->unit ? b->unit : unit) && a->area == b->area &&
+           a->address < b->address + apc_modbus_registers(b->type) &&
+           b->address < a->address + apc_modbus_registers(a->type) &&
+           (a->type != APC_MODBUS_FLAG || b->type != APC_MODBUS_FLAG || a->bit == b->bit);
+}
+
+/* Of two in one place the plant would take the one that happens to be written last. */
+static void check_apart(struct settings *s, const config_setting_t *map, const struct experiment *e)
+{
+    const size_t n = 2 * e->dim.nu + 1;
+    for (size_t i = 1; i < n && !s->failed; i++) {
+        const struct apc_modbus_point *a = written_point(e, i), *b;
+        for (size_t k = 0; a && k < i && !s->failed; k++)
+            if ((b = written_point(e, k)) && share_a_place(a, b, e->client.modbus.unit)) {
+                char one[APC_TAG_LEN + 32], other[APC_TAG_LEN + 32];
+                name_written(e, k, one);
+                name_written(e, i, other);
+                settings_fail(s, map,
+                              "%s and %s are both written to address %u: give each a place of its own", one,
+                              other, a->address > b->address ? a->address : b->address);
+            }
+    }
+}
+
 void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e)
 {
     static const char *const known[] = {"unit",  "word_order", "byte_order", "watchdog",
@@ -346,6 +394,7 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
     o->life = read_sign(s, group, "life", false, &signs[1]);
     signs[0].low_byte_first = signs[1].low_byte_first = whole.low_byte_first;
     check_requests(s, group, o, y, e);
+    check_apart(s, map, e);
     if (o->life)
         settings_period(s, group, "life_limit", REQUIRED, &o->life_limit);
     else if (config_setting_get_member(group, "life_limit"))
