@@ -12,6 +12,7 @@
 #include "base/text.h"
 #include "common/storeuri.h"
 #include "files/files.h"
+#include "past.h"
 #include "print.h"
 
 #define NAMES 12 /* that are listed where one is not known */
@@ -337,8 +338,14 @@ bool cli_when(const char *text, apc_ns *time)
 
 int cli_time(const struct cli *cli, const char *option, const char *text, apc_ns *time)
 {
-    if (!text || cli_when(text, time))
+    double seconds;
+    if (!text || past_time(cli, text, time))
         return EXIT_OK;
+    if (apc_number_parse(text, &seconds) == 0 && seconds >= 0)
+        return cli_usage(cli,
+                         "--%s \"%s\": must be a time; seconds since the start of a run are of its folder: "
+                         "--store FOLDER; before now, -%s",
+                         option, text, text);
     return cli_usage(cli,
                      "--%s \"%s\": must be a time, as 2026-01-31T12:00:00Z, 2026-01-31, or before "
                      "now, as 30s, 10m, 2h, 1d; seconds alone as -600",

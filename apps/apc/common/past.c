@@ -32,24 +32,13 @@ bool past_time(const struct cli *cli, const char *at, apc_ns *time)
     return run_time(cli, at, time) || cli_when(at, time);
 }
 
-int past_usage(const struct cli *cli, const char *option, const char *at)
-{
-    double seconds;
-    return apc_number_parse(at, &seconds) == 0 && seconds >= 0
-               ? cli_usage(cli,
-                           "--%s \"%s\": seconds since the start of a run are of its folder: --store FOLDER; "
-                           "before now, -%s",
-                           option, at, at)
-               : cli_time(cli, option, at, &(apc_ns){0});
-}
-
 int past_open(const struct cli *cli, const char *option, const char *at, struct past *past)
 {
     struct apc_error why;
     apc_ns time = 0;
     *past = (struct past){.is = at};
-    if (at && !past_time(cli, at, &time))
-        exit(past_usage(cli, option, at));
+    if (cli_time(cli, option, at, &time) != EXIT_OK)
+        exit(EXIT_USAGE);
     int rc = cli_open(cli, &past->present);
     past->store = past->present;
     if (rc >= 0 && at && (rc = apc_store_past(&past->store, past->present, time, &why)) < 0)

@@ -21,10 +21,8 @@ struct past {
     bool is; /* there is --at */
 };
 
-/* What --at means: a time, or before now; of a run's folder, and of the store in it, also seconds since its start. */
+/* What --at, --since and so on mean: a time, or before now; of a run's folder, and of the store in it, also seconds since its start. */
 bool past_time(const struct cli *cli, const char *at, apc_ns *time);
-/* It is no such time: says so of --@option. Returns EXIT_USAGE. */
-int past_usage(const struct cli *cli, const char *option, const char *at);
 
 /* As cli_open(); a usage error where @at, of --@option, is no time. @at NULL: the store as it is now. past_close() in either case. */
 int past_open(const struct cli *cli, const char *option, const char *at, struct past *past);

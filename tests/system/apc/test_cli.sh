@@ -400,7 +400,7 @@ test_history_gives_rows_in_their_order() {
     equal "$(wc -l <"$work/out")" 101 "rows of all hours and a header, --since $since"
   done
   run 2 history y --since 600
-  err_has "seconds alone as -600"
+  err_has "before now, -600"
   run 0 history y --since -5d --until -59.5h --json
   out_is_json
   equal "$(grep -c '"table":"sensor"' "$work/out")" 41 "rows of long ago"

@@ -63,6 +63,9 @@ sed 's/setpoints *= .*/setpoints = ( { name = "r"; unit = "1"; low = -100.0; hig
 expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 5 --out "$work/held" --store "sqlite:$work/held.db"
 grep -q '^0.000000,setpoint,1,Good,7$' "$work/held/samples.csv" || fail "no setpoint is on record: $(head "$work/held/samples.csv")"
 "$apc" report "$work/held" --json | grep -q '"iae":[0-9]' || fail "it has no figures: $("$apc" report "$work/held" --json)"
+[ "$("$apc" history y --store "$work/held" --since 1 --until 3 --csv | tail -n +2 | wc -l)" = "$(awk -F, '$2 == "sensor" && $1 >= 1 && $1 < 3' "$work/held/samples.csv" | wc -l)" ] ||
+  fail "other samples between 1 s and 3 s: $("$apc" history y --store "$work/held" --since 1 --until 3 --csv)"
+expect 2 'seconds since the start of a run are of its folder' "$apc" history y --store "sqlite:$work/held.db" --since 1
 expect 0 '  r   7\.000  y ' "$apc" run "$work/held.conf" --duration 3 --out "$work/held2" --store "sqlite:$work/held.db"
 [ "$(grep -c ',setpoint,1,' "$work/held2/samples.csv")" = 1 ] || fail "not one setpoint is on record"
 
