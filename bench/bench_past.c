@@ -92,7 +92,7 @@ int main(int argc, char **argv)
 {
     if (argc != 4)
         die("usage: bench_past STORE SIGNALS day|year");
-    const int signals = atoi(argv[2]);
+    const int signals = (int)strtol(argv[2], NULL, 10);
     const bool year = strcmp(argv[3], "year") == 0;
     const struct apc_store_options options = {.size = sizeof options, .timeout = 600 * S, .chunks = year};
     const struct apc_retention packed = {.size = sizeof packed, .packed = 1};
@@ -101,6 +101,8 @@ int main(int argc, char **argv)
     const apc_ns begin = now - (rows + 1) * period;
     struct apc_error why;
     char what[100];
+    if (signals < 1)
+        die("usage: bench_past STORE SIGNALS day|year; SIGNALS 1 or more, not %s", argv[2]);
     if (apc_store_open(&store, argv[1], &options, &why) < 0)
         die("%s", why.text);
     check(apc_store_init(store), "init");
