@@ -311,6 +311,16 @@ static int open_source_store(const struct replay_command *c, struct source *s, s
     return ticks_open(&s->store, path, why);
 }
 
+static void close_source(struct source *s)
+{
+    if (s->opened)
+        season_close(&s->season);
+    s->opened = false;
+    apc_store_close(s->store);
+    s->store = NULL;
+}
+
+/* One that cannot be opened is as if nobody had tried: the next job tries anew. */
 static int open_season(const struct season_work *w, struct source *s, struct replay_range range,
                        struct apc_error *why)
 {
@@ -320,16 +330,10 @@ static int open_season(const struct season_work *w, struct source *s, struct rep
     range.store = s->store;
     range.dir = s->folder ? s->name : NULL;
     s->opened = true;
-    return season_open(&s->season, &range, w->watch, why);
-}
-
-static void close_source(struct source *s)
-{
-    if (s->opened)
-        season_close(&s->season);
-    s->opened = false;
-    apc_store_close(s->store);
-    s->store = NULL;
+    rc = season_open(&s->season, &range, w->watch, why);
+    if (rc < 0)
+        close_source(s);
+    return rc;
 }
 
 static void clear_figures(struct season *s)
