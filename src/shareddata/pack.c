@@ -14,10 +14,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
 #include "apcbase.h"
 
 enum { ZEROS, LINE, PLAIN, GRID, STEPS, CONVERTER };
-enum { FORMAT = 1, BLOCK = 128, FRACTION = 12 };
+enum { FORMAT = 1, BLOCK = 128, FRACTION = 12, SUM = 4 };
+enum { SUM_FOLLOWS = 0xff };
 #define GRID_MAX ((int64_t)1 << 50) /* of start's distance and of a slope: their products stay below 2^62 */
 
 /* ---- Writing -------------------------------------------------------------------------------- */
@@ -84,6 +88,11 @@ static void put_packed_blocks(struct out *o, const int64_t *x, size_t n)
             put_packed_bits(o, x + begin, m, low, width);
         }
     }
+}
+
+static uint32_t chunk_sum(const uint8_t *bytes, size_t n)
+{
+    return htobe32((uint32_t)XXH3_64bits(bytes, n));
 }
 
 static bool is_line(const int64_t *x, size_t n, int64_t step)
@@ -299,6 +308,10 @@ size_t apc_pack(const struct apc_pack *samples, uint8_t bytes[APC_PACK_BYTES])
             put_column(&o, samples->at[c], n);
         }
     }
+    bytes[o.n++] = SUM_FOLLOWS;
+    const uint32_t sum = chunk_sum(bytes, o.n);
+    memcpy(bytes + o.n, &sum, SUM);
+    o.n += SUM;
     struct apc_pack back;
     bool same = apc_unpack(bytes, o.n, &back) == 0 && back.n == n;
     for (size_t c = 0; c < APC_PACK_COLUMNS && same; c++) {
@@ -427,6 +440,16 @@ static int get_values(struct in *in, int64_t *x, size_t n)
     return 0;
 }
 
+/* Is what is left the sum of what has been read? Chunks of before there were sums end here. */
+static bool is_sum_right(const struct in *in, const uint8_t *bytes)
+{
+    if (in->left == 0) {
+        return true;
+    }
+    const uint32_t sum = chunk_sum(bytes, (size_t)(in->at - bytes) + 1);
+    return in->left == 1 + SUM && in->at[0] == SUM_FOLLOWS && memcmp(in->at + 1, &sum, SUM) == 0;
+}
+
 int apc_unpack(const uint8_t *bytes, size_t length, struct apc_pack *samples)
 {
     struct in in = {bytes, length};
@@ -444,7 +467,7 @@ int apc_unpack(const uint8_t *bytes, size_t length, struct apc_pack *samples)
         err = c == APC_PACK_VALUE ? get_values(&in, samples->at[c], n) : get_column(&in, samples->at[c], n);
     }
     samples->n = n;
-    return err || in.left > 0 ? APC_EPROTO : 0;
+    return err || !is_sum_right(&in, bytes) ? APC_EPROTO : 0;
 }
 
 /* ---- What a row says of a chunk --------------------------------------------------------------- */

@@ -14,6 +14,9 @@
  *   5  of values: the bits of doubles a and b, 8 bytes each, then two columns k and e: the bits of the value
  *      are those of a + b k, plus e
  *
+ * Then 0xff, which is no mode, and 4 bytes of the sum of all before: the low half of XXH3. Former chunks end with
+ * their columns, and unpack() in SQL looks no further.
+ *
  * A block holds 128 numbers, the last one what is left: 8 bytes base, 1 byte width, then of each number width
  * bits, which are added to the base. With width 64 the base is 0, and the bits are the number.
  *
@@ -29,7 +32,7 @@
 /** Fewer samples than that, of what has just come, cost a database less as rows. */
 #define APC_PACK_OPEN 4
 /** Bytes that are enough for any. */
-#define APC_PACK_BYTES (3 + 8 * (33 + (APC_PACK_MAX / 128) * (9 + 128 * 8)))
+#define APC_PACK_BYTES (3 + 8 * (33 + (APC_PACK_MAX / 128) * (9 + 128 * 8)) + 5)
 
 /** What a sample has besides its seq. A reference that is none is 0. */
 enum {
@@ -61,7 +64,8 @@ struct apc_pack_summary {
 /** 1 to APC_PACK_MAX samples into @p bytes. Returns how many bytes, or 0: unpacked they would not be the
  * same. */
 size_t apc_pack(const struct apc_pack *samples, uint8_t bytes[APC_PACK_BYTES]);
-/** Back; of whatever bytes, nothing beyond them is read. Leaves first as it is. Returns 0 or APC_EPROTO. */
+/** Back; of whatever bytes, nothing beyond them is read. Leaves first as it is. Returns 0 or APC_EPROTO: it is no
+ * chunk, or one of its bytes has changed. */
 int apc_unpack(const uint8_t *bytes, size_t length, struct apc_pack *samples);
 void apc_pack_summarize(const struct apc_pack *samples, struct apc_pack_summary *summary);
 

@@ -104,8 +104,8 @@ static void test_samples_take_the_bytes_that_they_hold(void **state)
 }
 
 /*
- * Promise(database/chunk-gives-back): A chunk gives back each bit, in few bytes; bytes that are no chunk
- *   are refused within their bounds.
+ * Promise(database/chunk-gives-back): A chunk gives back each bit, in few bytes; bytes that are no chunk,
+ *   or one of whose bits has turned, are refused within their bounds.
  */
 static void test_any_number_in_any_column_comes_back(void **state)
 {
@@ -188,7 +188,7 @@ static void test_what_is_no_chunk_is_refused(void **state)
         uint8_t *cut = malloc(n ? n : 1);
         assert_non_null(cut);
         memcpy(cut, bytes, n);
-        assert_int_equal(apc_unpack(cut, n, &out), APC_EPROTO);
+        assert_int_equal(apc_unpack(cut, n, &out), n + 5 == length ? 0 : APC_EPROTO);
         free(cut);
     }
     bytes[length] = 0;
@@ -198,11 +198,32 @@ static void test_what_is_no_chunk_is_refused(void **state)
 }
 
 /* Promise(database/chunk-gives-back) */
+static void test_a_bit_that_has_turned_is_noticed(void **state)
+{
+    (void)state;
+    static double (*const kinds[])(size_t i) = {noise, constant, converter, any_code, tenths};
+    static const size_t lengths[] = {1, 4, 8, 32, 130, 300};
+    for (size_t k = 0; k < 5 * 6; k++) {
+        fill(lengths[k / 5], kinds[k % 5], k % 2 ? a_byte : NULL);
+        for (size_t i = 0; i < in.n && k % 3; i++) {
+            in.at[APC_PACK_ORIGIN][i] = (int64_t)(k % 3 == 1 ? i : xorshift(&seed) % 1000);
+            in.at[APC_PACK_SETPOINT_SEQ][i] = (int64_t)(xorshift(&seed) % 40);
+        }
+        const size_t length = packed();
+        for (size_t bit = 0; bit < 8 * length; bit++) {
+            bytes[bit / 8] ^= (uint8_t)(1U << bit % 8);
+            assert_int_equal(apc_unpack(bytes, length, &out), APC_EPROTO);
+            bytes[bit / 8] ^= (uint8_t)(1U << bit % 8);
+        }
+    }
+}
+
+/* Promise(database/chunk-gives-back) */
 static void test_bytes_of_any_kind_are_read_within_their_bounds(void **state)
 {
     (void)state;
     fill(260, any_code, a_byte);
-    const size_t length = apc_pack(&in, bytes);
+    const size_t length = apc_pack(&in, bytes) - 5; /* with its sum nearly all would end there */
     for (unsigned round = 0; round < 20000; round++) {
         uint8_t *wrong = malloc(length);
         assert_non_null(wrong);
@@ -246,6 +267,7 @@ int main(void)
         cmocka_unit_test(test_any_number_in_any_column_comes_back),
         cmocka_unit_test(test_values_that_doubles_tell_apart_stay_apart),
         cmocka_unit_test(test_what_is_no_chunk_is_refused),
+        cmocka_unit_test(test_a_bit_that_has_turned_is_noticed),
         cmocka_unit_test(test_bytes_of_any_kind_are_read_within_their_bounds),
         cmocka_unit_test(test_a_summary_is_that_of_the_samples),
     };
