@@ -13,6 +13,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/base_internal.h"
@@ -27,6 +28,34 @@ int replay_order_samples(const void *left, const void *right)
     if (a->id != b->id)
         return a->id < b->id ? -1 : 1;
     return a->seq < b->seq ? -1 : a->seq > b->seq;
+}
+
+/* Of a variable, the first from that number on. */
+static int take_wanted_row(void *ctx, const struct apc_sample *row)
+{
+    struct apc_sample *wanted = ctx;
+    if (row->seq == wanted->seq)
+        *wanted = *row;
+    else
+        wanted->seq = 0;
+    return 1;
+}
+
+/* It bears a time far from that of its tick: of another machine, or from before a clock was set. */
+static void look_for_sample(struct replay *r, const struct apc_sample *wanted)
+{
+    const struct apc_range range = {.after = wanted->seq - 1};
+    struct replay_stray *stray = r->store ? calloc(1, sizeof *stray) : NULL;
+    if (!stray)
+        return;
+    stray->sample = *wanted;
+    if (apc_store_history(r->store, wanted->table, wanted->id, &range, take_wanted_row, &stray->sample) > 0 &&
+        stray->sample.seq > 0) {
+        stray->next = r->stray;
+        r->stray = stray;
+    } else {
+        free(stray);
+    }
 }
 
 /* How many samples come before @p wanted. */
@@ -47,14 +76,23 @@ const struct apc_sample *replay_sample(const struct replay *r, enum apc_table ta
 {
     const struct apc_sample wanted = {.table = table, .id = id, .seq = seq};
     const size_t at = samples_before(r, &wanted);
-    return at < r->samples.n && replay_order_samples(&r->samples.at[at], &wanted) == 0 ? &r->samples.at[at]
-                                                                                       : NULL;
+    if (at < r->samples.n && replay_order_samples(&r->samples.at[at], &wanted) == 0)
+        return &r->samples.at[at];
+    const struct replay_stray *stray = r->stray;
+    while (stray && replay_order_samples(&stray->sample, &wanted) != 0)
+        stray = stray->next;
+    return stray ? &stray->sample : NULL;
 }
 
 /* Fill in the row of @p seq of its variable; 0: there was none. False: it is not on record. */
-static bool give_recorded_sample(const struct replay *r, struct apc_sample *in, double seq)
+static bool give_recorded_sample(struct replay *r, struct apc_sample *in, double seq)
 {
-    const struct apc_sample *there = seq > 0 ? replay_sample(r, in->table, in->id, (int64_t)seq) : NULL;
+    const struct apc_sample wanted = {.table = in->table, .id = in->id, .seq = (int64_t)seq};
+    const struct apc_sample *there = seq > 0 ? replay_sample(r, in->table, in->id, wanted.seq) : NULL;
+    if (!there && seq > 0) {
+        look_for_sample(r, &wanted);
+        there = replay_sample(r, in->table, in->id, wanted.seq);
+    }
     *in = there ? *there
                 : (struct apc_sample){.table = in->table,
                                       .id = in->id,
@@ -64,7 +102,7 @@ static bool give_recorded_sample(const struct replay *r, struct apc_sample *in, 
 }
 
 /* The newest row of its variable that is not younger than @p time. */
-static void give_newest(const struct replay *r, struct apc_sample *in, apc_ns time)
+static void give_newest(struct replay *r, struct apc_sample *in, apc_ns time)
 {
     const struct apc_sample end = {.table = in->table, .id = in->id, .seq = INT64_MAX};
     for (size_t i = samples_before(r, &end);

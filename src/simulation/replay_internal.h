@@ -9,6 +9,9 @@
 /* The experiment of a run folder, its start, and what made it. Returns 0 or an error. */
 int replay_load_folder(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
                        struct apc_error *why);
+/* The experiment of a store as it was described then or, where it does not say that, as it is now; @p text is the
+ * caller's to free. Returns 0 or an error. */
+int replay_catalogue(struct apc_store *store, apc_ns then, char **text, struct apc_error *why);
 /* Room for it; the experiment is loaded. */
 int replay_make(struct replay *r, struct apc_error *why);
 /* Samples that ticks name: what was in force when the range begins, and all in it. Of vectors the last before it,
@@ -16,6 +19,9 @@ int replay_make(struct replay *r, struct apc_error *why);
 int replay_load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range);
 int replay_load_vectors(struct ticks *to, struct apc_store *store, enum apc_table table, int id,
                         const struct apc_range *range);
+/* The ticks of controller @p number widen what is between these two, which may be first > last: nothing. Returns 0 or
+ * an error. */
+int replay_look_at_ticks(struct apc_store *store, int number, apc_ns *first, apc_ns *last);
 /* t = 0 of these ticks, as near as the least late of them says. */
 apc_ns replay_part_start(const struct controller *of, const struct ticks *ticks);
 /* Tick @k of the record, of a controller that lived on or, where that gives another row, was started anew. Returns 0

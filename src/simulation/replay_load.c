@@ -32,24 +32,39 @@ int replay_load_samples(struct replay *r, struct apc_store *store, const struct 
     return rc < 0 ? rc : 0;
 }
 
-static int load_replay_record(struct replay *r, const char *dir, struct apc_error *why)
+int replay_open_ticks(struct apc_store **ticks, const char *dir, struct apc_error *why)
 {
     char path[600];
-    struct apc_store *store;
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s%s", path, strerror(errno),
                         errno == ENOENT ? ": a run of a former version is replayed by that version" : "");
-    int rc = ticks_open(&store, path, why);
+    return ticks_open(ticks, path, why);
+}
+
+static void note_ends(struct replay_controller *rc)
+{
+    const struct ticks *ticks = &rc->ticks;
+    rc->first = ticks->n > 0 ? ticks->at[0].time : INT64_MAX;
+    rc->last = ticks->n > 0 ? ticks->at[ticks->n - 1].time : INT64_MIN;
+}
+
+static int load_replay_record(struct replay *r, const char *dir, struct apc_error *why)
+{
+    struct apc_store *store;
+    int rc = replay_open_ticks(&store, dir, why);
     if (rc < 0)
         return rc;
     rc = replay_load_samples(r, store, &(struct apc_range){0});
-    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
+    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++) {
         rc = ticks_load(&r->controller[i].ticks, store, APC_TICK, r->e.controllers[i].number, 0);
+        note_ends(&r->controller[i]);
+    }
     for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
         rc = ticks_load(&r->plan[k], store, APC_PLAN, (int)k + 1, 0);
     if (rc < 0)
-        apc_fail(why, rc, "%s: %s", path, rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
+        apc_fail(why, rc, "%.580s/" TICKS_FILE ": %s", dir,
+                 rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
     apc_store_close(store);
     return rc;
 }
@@ -112,37 +127,62 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
 
 /* ---- A part of a store's record --------------------------------------------------------------- */
 
-static int parse_catalogue(struct replay *r, struct apc_store *store, bool built_in, struct apc_error *why)
+int replay_catalogue(struct apc_store *store, apc_ns then, char **text, struct apc_error *why)
 {
-    int64_t revision;
-    char *text;
-    int rc = experiment_text(store, &text, &revision, why);
+    struct apc_store *past = NULL;
+    int64_t revision = 0;
+    int rc = 0;
+    *text = NULL;
+    if (then <= apc_clock_utc(NULL)) {
+        rc = apc_store_past(&past, store, then, why);
+        rc = rc < 0 ? rc : experiment_text(past, text, &revision, why);
+        apc_store_close(past);
+    }
+    if (rc >= 0 && revision == 0) {
+        free(*text);
+        rc = experiment_text(store, text, &revision, why);
+    }
+    return rc < 0 ? rc
+           : revision == 0
+               ? apc_fail(why, APC_ENOTFOUND, "the store does not say which experiment it is: apc init FILE")
+               : 0;
+}
+
+static int load_catalogue(struct replay *r, const struct replay_part *part, struct apc_error *why)
+{
+    const struct experiment *e = part->simulated;
+    char *text = NULL;
+    if (part->dir)
+        return replay_load_folder(r, part->dir, NULL, why);
+    if (e)
+        return experiment_parse(&r->e, &(struct experiment_source){.file = e->file, .text = e->text},
+                                EXPERIMENT_LAW, NULL, why);
+    int rc = replay_catalogue(part->store, part->until, &text, why);
     const struct experiment_source from = {.file = "the store's experiment", .text = text};
-    rc = rc < 0 ? rc
-         : revision == 0
-             ? apc_fail(why, APC_ENOTFOUND, "the store does not say which experiment it is: apc init FILE")
-         : built_in ? experiment_refuse_own(&from, "it is explained on the command line only: apc why", why)
-                    : 0;
+    if (rc == 0 && part->built_in)
+        rc = experiment_refuse_own(&from, "it is explained on the command line only: apc why", why);
     if (rc == 0)
         rc = experiment_parse(&r->e, &from, EXPERIMENT_LAW, NULL, why);
     free(text);
     return rc;
 }
 
-/* The one that was in force then. */
-static int load_catalogue(struct replay *r, const struct replay_part *part, struct apc_error *why)
+static int take_tick_time(void *ctx, const struct apc_vector *tick)
 {
-    const struct experiment *e = part->simulated;
-    struct apc_store *past = NULL;
-    if (e)
-        return experiment_parse(&r->e, &(struct experiment_source){.file = e->file, .text = e->text},
-                                EXPERIMENT_LAW, NULL, why);
-    if (part->until > apc_clock_utc(NULL))
-        return parse_catalogue(r, part->store, part->built_in, why);
-    int rc = apc_store_past(&past, part->store, part->until, why);
-    rc = rc < 0 ? rc : parse_catalogue(r, past, part->built_in, why);
-    apc_store_close(past);
-    return rc;
+    *(apc_ns *)ctx = tick->time;
+    return 1;
+}
+
+int replay_look_at_ticks(struct apc_store *store, int number, apc_ns *first, apc_ns *last)
+{
+    apc_ns begins = INT64_MAX, ends = INT64_MIN;
+    int rc = apc_store_vectors(store, APC_TICK, number, &(struct apc_range){0}, take_tick_time, &begins);
+    if (rc >= 0)
+        rc =
+            apc_store_vectors(store, APC_TICK, number, &(struct apc_range){.last = 1}, take_tick_time, &ends);
+    *first = begins < *first ? begins : *first;
+    *last = ends > *last ? ends : *last;
+    return rc < 0 ? rc : 0;
 }
 
 /* The newest ticks of the controller until then. A tick is no sooner than a period after another. */
@@ -194,7 +234,7 @@ apc_ns replay_part_start(const struct controller *of, const struct ticks *ticks)
 
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why)
 {
-    *r = (struct replay){.of_store = !part->simulated};
+    *r = (struct replay){.store = part->store, .of_store = !part->simulated && !part->dir};
     int rc = load_catalogue(r, part, why);
     if (rc == 0)
         rc = replay_make(r, why);
@@ -204,10 +244,14 @@ int replay_load_part(struct replay *r, const struct replay_part *part, struct ap
     for (size_t i = 0; i < r->loops.n; i++)
         if (!strcmp(r->loops.at[i].name, part->loop))
             moved = &r->controller[r->loops.at[i].controller];
-    if (moved)
-        rc = load_moved_ticks(r, part, moved);
+    if (moved) {
+        note_ends(moved);
+        rc = replay_look_at_ticks(part->store, moved->of->number, &moved->first, &moved->last);
+        rc = rc < 0 ? rc : load_moved_ticks(r, part, moved);
+    }
     if (moved && moved->ticks.n > 0 && rc == 0) {
-        r->start = part->simulated ? SIMULATION_BEGIN : replay_part_start(moved->of, &moved->ticks);
+        if (!part->dir)
+            r->start = part->simulated ? SIMULATION_BEGIN : replay_part_start(moved->of, &moved->ticks);
         rc = load_named(r, part->store, moved);
     }
     return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(part->store))
@@ -228,5 +272,9 @@ void replay_free(struct replay *r)
     free(r->difference);
     loops_free(&r->loops);
     samples_free(&r->samples);
+    for (struct replay_stray *next; r->stray; r->stray = next) {
+        next = r->stray->next;
+        free(r->stray);
+    }
     experiment_free(&r->e);
 }

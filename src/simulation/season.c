@@ -69,24 +69,13 @@ static int find_revisions(struct season *s, apc_ns since, int64_t before, apc_ns
 
 static int parse_revision(struct season *s, struct season_revision *v, apc_ns then, struct apc_error *why)
 {
-    struct apc_store *past = NULL;
-    int64_t revision = 0;
-    char *text = NULL;
-    int rc = apc_store_past(&past, s->of.store, then, why);
+    char *text;
+    int rc = replay_catalogue(s->of.store, then, &text, why);
     if (rc == 0)
-        rc = experiment_text(past, &text, &revision, why);
-    if (rc >= 0 && revision == 0) { /* described later only, or it keeps no former ones */
-        free(text);
-        rc = experiment_text(s->of.store, &text, &revision, why);
-    }
-    if (rc >= 0 && revision == 0)
-        rc = apc_fail(why, APC_ENOTFOUND, "the store does not say which experiment it is: apc init FILE");
-    if (rc >= 0)
         rc = experiment_parse(&v->replay.e,
                               &(struct experiment_source){.file = "the store's experiment", .text = text},
                               EXPERIMENT_LAW, s->of.overrides, why);
     free(text);
-    apc_store_close(past);
     return rc;
 }
 
@@ -131,34 +120,15 @@ static int make_revisions(struct season *s, struct apc_error *why)
 
 /* ---- The range ------------------------------------------------------------------------------ */
 
-static int take_tick_time(void *ctx, const struct apc_vector *tick)
-{
-    *(apc_ns *)ctx = tick->time;
-    return 1;
-}
-
-/* The ticks of one controller narrow what is looked at. */
-static int look_at_ticks(struct apc_store *store, int number, apc_ns *first, apc_ns *last)
-{
-    apc_ns begins = INT64_MAX, ends = INT64_MIN;
-    int rc = apc_store_vectors(store, APC_TICK, number, &(struct apc_range){0}, take_tick_time, &begins);
-    if (rc >= 0)
-        rc =
-            apc_store_vectors(store, APC_TICK, number, &(struct apc_range){.last = 1}, take_tick_time, &ends);
-    *first = begins < *first ? begins : *first;
-    *last = ends > *last ? ends : *last;
-    return rc < 0 ? rc : 0;
-}
-
 static int narrow_range(struct season *s, struct apc_error *why)
 {
     apc_ns first = INT64_MAX, last = INT64_MIN;
     struct known_plant plant = {.tag = NULL};
     int rc = s->of.dir ? 0 : known_load(&plant, s->of.store);
     for (size_t i = 0; s->of.dir && i < s->revision->replay.e.n_controllers && rc == 0; i++)
-        rc = look_at_ticks(s->of.store, s->revision->replay.e.controllers[i].number, &first, &last);
+        rc = replay_look_at_ticks(s->of.store, s->revision->replay.e.controllers[i].number, &first, &last);
     for (size_t i = 0; !s->of.dir && i < plant.loops.n_controllers && rc >= 0; i++)
-        rc = look_at_ticks(s->of.store, plant.loops.controller[i].number, &first, &last);
+        rc = replay_look_at_ticks(s->of.store, plant.loops.controller[i].number, &first, &last);
     known_free(&plant);
     if (rc < 0)
         return apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(s->of.store));

@@ -225,6 +225,7 @@ struct replay_controller {
     const struct controller *of;
     struct apc_controller *core;
     struct ticks ticks; /* recorded */
+    apc_ns first, last; /* of all on record, of a part too, for why_find(); first > last: there are none */
     struct replay_figures figures;
     struct apc_now now;     /* of the tick before */
     struct apc_now ticking; /* of this one */
@@ -248,9 +249,14 @@ struct replay {
     struct apc_tag *tags; /* [n_tags] of the experiment's variables */
     size_t n_tags;
     struct samples samples; /* what the tick rows name, by table, id, seq */
-    struct ticks *plan;     /* [e.dim.nz] and of plans */
-    struct apc_sample lost; /* the last plan that is not on record */
-    apc_ns start;           /* t = 0 in the record */
+    struct replay_stray {   /* and what of it had to be looked for */
+        struct apc_sample sample;
+        struct replay_stray *next;
+    } * stray;
+    struct apc_store *store; /* where; NULL: nowhere */
+    struct ticks *plan;      /* [e.dim.nz] and of plans */
+    struct apc_sample lost;  /* the last plan that is not on record */
+    apc_ns start;            /* t = 0 in the record */
     bool other_law;
     apc_ns since, began; /* ticks before it are computed and not judged; of a store: t = 0 of what is told */
     bool of_store;       /* a part of its record, in real time, for why_find(): its texts say UTC */
@@ -265,9 +271,12 @@ struct replay {
  * overrides name. Returns 0 or a negative error; replay_free() in either case. */
 int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
                 struct apc_error *why);
+/* Open the ticks of that folder, as a store. Returns 0 or a negative error. */
+int replay_open_ticks(struct apc_store **ticks, const char *dir, struct apc_error *why);
 /* Of a loop's record in a store: what the ticks within @p over until @p until need, and @p lead ticks before. */
 struct replay_part {
     struct apc_store *store;
+    const char *dir; /* of the run folder whose ticks `store` has; NULL: it is of a plant */
     const char *loop;
     apc_ns over, until; /* until: INT64_MAX: the newest */
     size_t lead;
@@ -397,6 +406,7 @@ struct why {
     double together; /* what they do only together */
     size_t lead;     /* so many ticks were computed before those of the move */
     bool restarted;  /* no answer: its controller was started anew within the move */
+    bool cut;        /* it begins with the first tick on record, which is not the first of the run */
 };
 
 /* Why did @p loop move within the ticks after @p from until @p until, UTC, the last of which is not younger? Both
@@ -411,15 +421,15 @@ void why_free(struct why *w);
 
 /* The same as it is asked for and told. */
 struct why_question {
-    struct replay *replay;   /* of a run folder its record; of a store room for it, zeroed at first */
-    const char *dir;         /* of a run folder */
-    struct apc_store *store; /* or NULL */
+    struct replay *replay; /* room for the part of the record that is needed, zeroed at first */
+    struct apc_store *store;
+    const char *dir; /* of the run folder whose ticks `store` has; NULL: it is of a plant */
     const struct experiment
         *simulated; /* whose simulation's store it is: times are since its start; or NULL */
     const char *loop;
     apc_ns at, over; /* at: INT64_MAX: the last tick; over: 0: one tick */
-    bool built_in;   /* of a store: laws and plants of the user's own are not loaded, but refused */
-    apc_ns give_up;  /* of a store: no answer when the monotonic clock is past it; 0: however long it takes */
+    bool built_in;   /* laws and plants of the user's own are not loaded, but refused */
+    apc_ns give_up;  /* no answer when the monotonic clock is past it; 0: however long it takes */
     unsigned depth;  /* so many loops below it were told before */
 };
 /* As why_find(); the replay has to live as long as @p w, and is the caller's to free. */

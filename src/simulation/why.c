@@ -510,15 +510,20 @@ static size_t last_tick(const struct ticks *ticks, apc_ns time)
 static int find_ticks(struct move *m, struct why *w, apc_ns from, apc_ns until, struct apc_error *why)
 {
     const struct ticks *ticks = &m->rc->ticks;
+    char time[APC_TIME_LEN];
     m->until = last_tick(ticks, until);
+    if (m->rc->first > m->rc->last)
+        return apc_fail(why, APC_ENOTFOUND, "%s has no tick on record", w->loop);
     if (m->until == ticks->n)
-        return apc_fail(why, APC_ENOTFOUND, "%s has no tick until then on record", w->loop);
+        return apc_fail(why, APC_ENOTFOUND, "%s has no tick until then on record: the first is at %s",
+                        w->loop, replay_time(m->r, m->rc->first, time));
     if (m->until == 0)
         return apc_fail(why, APC_ENOTFOUND,
                         "%s: no tick before it is on record: there is nothing to compare with", w->loop);
-    if (m->until + 1 == ticks->n) /* a time behind the record is its end */
-        from -= until - ticks->at[m->until].time;
+    if (until > m->rc->last) /* a time behind the record is its end */
+        from -= until - m->rc->last;
     m->from = last_tick(ticks, from);
+    w->cut = m->from == ticks->n;
     m->from = m->from < m->until ? m->from : from < ticks->at[0].time ? 0 : m->until - 1;
     w->tick = &ticks->at[m->until];
     return 0;
@@ -535,6 +540,7 @@ static int read_loop(struct move *m, struct why *w, struct apc_error *why)
                             m->rc->of->name);
     while (m->from + 1 < m->until && !(tick_of_move(m, m->from)[at[APC_TICK_THERE] + i] > 0))
         m->from++;
+    w->cut = w->cut && tick_of_move(m, 0)[at[APC_TICK_INDEX]] > 0;
     w->before = &m->rc->ticks.at[m->from];
     const double *row = tick_of_move(m, m->until), *former = tick_of_move(m, m->from);
     w->u_before = former[at[APC_TICK_U] + i];

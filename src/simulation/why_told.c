@@ -134,16 +134,17 @@ int why_find_author(const struct why_question *q, const struct why_cause *cause,
     *author = (struct why_author){{0}, {0}};
     if (!cause->row || !cause->tag)
         return 0;
-    return q->store ? find_author_in_store(q, cause, author, why)
-                    : find_author_in_folder(q, cause, author, why);
+    return q->dir ? find_author_in_folder(q, cause, author, why)
+                  : find_author_in_store(q, cause, author, why);
 }
 
 /* ---- The move -------------------------------------------------------------------------------- */
 
-/* Of a store only what the move needs is read: more where it does not come out of that. */
+/* Only what the move needs is read: more where it does not come out of that. */
 int why_ask(struct why *w, const struct why_question *q, struct apc_error *why)
 {
     struct replay_part part = {.store = q->store,
+                               .dir = q->dir,
                                .loop = q->loop,
                                .over = q->over,
                                .until = q->at,
@@ -153,9 +154,7 @@ int why_ask(struct why *w, const struct why_question *q, struct apc_error *why)
     const apc_ns from = q->over > 0 ? q->at - q->over : q->at;
     int rc = APC_ESTATE;
     *w = (struct why){0};
-    if (!q->store)
-        return why_find(w, q->replay, q->loop, from, q->at, why);
-    for (bool more = true; rc == APC_ESTATE && more && part.lead <= MOST; part.lead *= MORE) {
+    for (bool more = true; rc == APC_ESTATE && more && (q->dir || part.lead <= MOST); part.lead *= MORE) {
         why_free(w);
         replay_free(q->replay);
         rc = replay_load_part(q->replay, &part, why);

@@ -153,7 +153,8 @@ export const sentences: Record<string, string> = {
   // what is computed again
   "{=} was started anew before its tick at {=}: the move over that is not explained, what is before and behind it is: ask over a shorter time": "{1} wurde vor seinem Takt um {2} neu gestartet: darüber hinweg wird nichts erklärt, wohl aber davor und danach: einen kürzeren Zeitraum wählen",
   "to compute it takes too long for the page: apc why on the command line takes its time": "das Nachrechnen dauert für die Seite zu lange: apc why auf der Kommandozeile nimmt sich die Zeit",
-  "{=} has no tick until then on record": "von {1} ist bis dahin kein Takt aufgezeichnet",
+  "{=} has no tick until then on record: the first is at {=}": "von {1} ist bis dahin kein Takt aufgezeichnet: der erste ist um {2}",
+  "{=} has no tick on record": "von {1} ist kein Takt aufgezeichnet",
   "{=}: no tick before it is on record: there is nothing to compare with": "{1}: davor ist kein Takt aufgezeichnet: es gibt nichts zum Vergleich",
   "{=}: its law, its settings or its model are not those that ran": "{1}: Regelgesetz, Einstellungen oder Modell sind nicht die, die liefen",
   "{=}: nothing went out yet": "{1}: noch ging nichts hinaus",

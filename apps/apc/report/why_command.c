@@ -40,7 +40,8 @@ struct why_command {
     struct cli cli;
     struct why_options options;
     struct replay replay;
-    struct why_question question; /* its `store` NULL: of a run folder, which is loaded */
+    struct why_question question;
+    apc_ns start; /* of a run folder: t = 0 */
     char loop[APC_TAG_LEN];
 };
 
@@ -216,6 +217,9 @@ static int put_why(const struct why_question *q, const struct why *w, FILE *out,
     fputs(w->reason[0] ? ": " : "", out);
     print_clean(out, w->reason);
     putc('\n', out);
+    if (w->cut)
+        fprintf(out, "  over the ticks after %s: those before are not on record any more\n",
+                replay_time(q->replay, w->before->time, time));
     print_terms(w, out);
     print_move_limit(w, out);
     int rc = print_causes(w, out);
@@ -275,12 +279,12 @@ static int explain_move(struct why_command *c)
     if (rc == 0 && c->cli.format == CLI_JSON)
         printf("%.*s\n", (int)json.n, json.at);
     text_free(&json);
-    if (rc == APC_ECONN && c->question.store)
+    if (rc == APC_ECONN && !c->question.dir)
         return cli_store_error(&c->cli, rc, c->question.store);
     return rc < 0 ? cli_error(&c->cli, rc, "%s", why.text) : EXIT_OK;
 }
 
-/* OUTPUT[@TIME]; the run is loaded, if it is one. */
+/* OUTPUT[@TIME]; of a run its start is known. */
 static int parse_output(struct why_command *c)
 {
     const char *text = c->cli.args[c->cli.n_args - 1], *at = strrchr(text, '@');
@@ -301,7 +305,7 @@ static int parse_output(struct why_command *c)
                          "10m, 2h, 1d; of a run's folder also seconds: apc why RUN %s",
                          text, at + 1, text);
     if (apc_number_parse(at + 1, &t) == 0 && apc_ns_from_s(t, &c->question.at) == 0) {
-        c->question.at += c->replay.start;
+        c->question.at += c->start;
         return 0;
     }
     return cli_when(at + 1, &c->question.at)
@@ -315,13 +319,18 @@ static int parse_output(struct why_command *c)
 /* Returns an exit code. */
 static int explain_folder(struct why_command *c)
 {
+    const char *dir = c->question.dir = c->cli.args[0];
+    struct experiment e;
     struct apc_error why;
     if (c->cli.store_given)
-        return cli_usage(&c->cli, "a run folder, %s, or --store: one of them", c->cli.args[0]);
-    int rc = replay_load(&c->replay, c->cli.args[0], NULL, &why);
+        return cli_usage(&c->cli, "a run folder, %s, or --store: one of them", dir);
+    int rc = experiment_load(&e, dir, 0, NULL, &why);
+    c->start = e.start ? e.start : SIMULATION_BEGIN;
+    experiment_free(&e);
+    if (rc == 0)
+        rc = replay_open_ticks(&c->question.store, dir, &why);
     if (rc < 0)
         return cli_error(&c->cli, rc, "%s", why.text);
-    c->question.dir = c->cli.args[0];
     rc = parse_output(c);
     return rc != EXIT_OK ? rc : explain_move(c);
 }
@@ -331,10 +340,7 @@ static int explain_store(struct why_command *c)
     int rc = parse_output(c);
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(&c->cli, &c->question.store));
-    if (rc == EXIT_OK)
-        rc = explain_move(c);
-    apc_store_close(c->question.store);
-    return rc;
+    return rc == EXIT_OK ? explain_move(c) : rc;
 }
 
 int command_why(int argc, char **argv)
@@ -343,5 +349,6 @@ int command_why(int argc, char **argv)
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
     const int rc = c.cli.n_args > 1 ? explain_folder(&c) : explain_store(&c);
     replay_free(&c.replay);
+    apc_store_close(c.question.store);
     return rc == EXIT_USAGE ? rc : cli_done(&c.cli, rc);
 }

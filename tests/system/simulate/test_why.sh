@@ -214,3 +214,46 @@ asked = datetime.datetime.fromisoformat(start) + datetime.timedelta(seconds=1.5)
 answer = datetime.datetime.fromisoformat(re.match("as of (.*)Z, UTC", open("get.txt").read())[1])
 assert abs((answer - asked).total_seconds()) < 1e-5, (answer, asked)
 END
+
+# ---- Of every store: rows, packed ones, a database; and what is removed is said.
+
+cp layers/ticks.db layers.db
+"$apc" init layers/run.conf --store "sqlite:$work/layers.db" >/dev/null
+"$apc" init --store "$database#layers" >/dev/null
+sql() { psql -XAtq -v ON_ERROR_STOP=1 -c "SET search_path TO layers, pg_temp" -c "$1"; }
+sql "SELECT make_week(t, '1999-12-27', current_date) FROM unnest(ARRAY['setpoint', 'actual', 'estimate']) AS t" >/dev/null # the week of the run
+"$apc" copy "sqlite:$work/layers.db" "$database#layers" >/dev/null
+for kept in rows packed; do
+  for store in "sqlite:$work/layers.db" "$database#layers"; do
+    "$apc" why v1@2000-01-01T00:03:32Z --over 12 --json --store "$store" >"$kept.json"
+    # Promise(simulation/why-every-store): Of a store in rows or packed, in a file or a database, the answer is that of the run
+    #   folder; rows that were removed are said to be, and one is found whatever time it bears.
+    python3 - chain.json "$kept.json" <<'END' || fail "$store, $kept: another answer than of the folder: $(cat chain.json "$kept.json")"
+import json, sys
+folder, store = (json.load(open(name)) for name in sys.argv[1:])
+while folder:
+    for of, start in (folder, 0), (store, 946684800):
+        for at in [of] + of["inputs"]:
+            for key in "time", "from", "written":
+                at[key] = at.get(key) and round(at[key] - start, 6)
+    above = folder.pop("above", None), store.pop("above", None)
+    assert folder == store, (folder, store)
+    folder, store = above
+assert store is None
+END
+    "$apc" maintain --pack 1s --keep-ticks 10000d --store "$store" >/dev/null
+  done
+done
+[ "$(sql "SELECT sum(last - first + 1) FROM setpoint_packed")" -gt 100 ] || fail "the database has packed nothing"
+# Promise(simulation/why-every-store)
+cp layers/ticks.db stepped.db
+sqlite3 stepped.db "UPDATE sample SET time = time + 3600000000 WHERE variable & 15 = 3"
+"$apc" init layers/run.conf --store "sqlite:$work/stepped.db" >/dev/null
+"$apc" why v1@2000-01-01T00:03:32Z --over 12 --store "sqlite:$work/stepped.db" | grep -q '^r1 .*6.11324  6.63086  +1.979 ' ||
+  fail "a row that bears another time is not found"
+"$apc" maintain --keep 1s --keep-ticks 10000d --store "sqlite:$work/stepped.db" >/dev/null
+refused 1 'is not on record' v1@2000-01-01T00:03:32Z --store "sqlite:$work/stepped.db"
+"$apc" maintain --keep-ticks $(($(date +%s) - 946685595))s --store "sqlite:$work/layers.db" >/dev/null # until t = 795 s
+expect 0 '^  over the ticks after 2000-01-01T00:13:1.*: those before are not on record any more' \
+  "$apc" why v1@2000-01-01T00:13:20Z --over 12 --store "sqlite:$work/layers.db"
+refused 1 'no tick until then on record: the first is at 2000-01-01T00:13:1' v1@2000-01-01T00:03:32Z --store "sqlite:$work/layers.db"
