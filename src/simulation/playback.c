@@ -43,7 +43,8 @@ int playback_load(struct playback *p, const char *dir, const struct experiment *
 {
     char path[600];
     struct samples process = {0};
-    *p = (struct playback){.start = e->start, .end = e->start + end};
+    const apc_ns start = e->start ? e->start : SIMULATION_BEGIN;
+    *p = (struct playback){.start = start, .end = start + end};
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));

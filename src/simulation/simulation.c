@@ -263,6 +263,8 @@ static void on_exchanged(void *ctx)
         return;
     apc_histogram_record(s->round_trip, apc_clock_mono(s->clock) - s->sent_at);
     size_t n = apc_client_measurements(s->client, s->answer, s->y);
+    if (s->measured)
+        s->measured(s->measured_ctx, s->y, n);
     for (size_t i = 0; i < n; i++)
         report_simulated_range(s, &s->y[i]);
     simulation_stop_at_store(s, apc_store_append(s->store, s->y, n));

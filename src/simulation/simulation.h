@@ -92,6 +92,8 @@ struct simulation {
 
     void (*watch)(void *ctx, apc_ns t); /* simulation_watch() */
     void *watch_ctx;
+    void (*measured)(void *ctx, struct apc_sample *y, size_t n); /* before they are stored; NULL: nobody */
+    void *measured_ctx;
 
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */
@@ -349,6 +351,39 @@ int season_replay(struct season *s, apc_ns since, apc_ns until, struct apc_error
 void season_add(struct season *to, const struct season_controller *controller,
                 const struct season_loop *loop);
 void season_close(struct season *s);
+
+/* ---- In closed loop -------------------------------------------------------------------------- */
+
+/*
+ * What would have been in a recorded run under another law or other settings of it: what acted on each measurement
+ * besides the model of the plant, and what the model leaves out, is estimated from the record, and acts again.
+ */
+struct closed {
+    struct experiment was;
+    struct samples all; /* of the record, by time since its start */
+
+    /* its own, of measurements by variable and time */
+    struct samples recorded, left; /* left: what they were beside the model */
+    struct samples written;        /* by people, and what they found */
+    struct closed_model {
+        struct closed_spread {
+            uint64_t n;
+            double mean, squares;
+        } measured, modelled, left;
+    } * model;  /* [ny] */
+    apc_ns end; /* of the record, since its start */
+    bool failed;
+};
+
+/* Of the run in folder @dir. Returns 0 or a negative error; closed_free() in either case. */
+int closed_load(struct closed *c, const char *dir, struct apc_error *why);
+/* That run with what overrides say, NULL: as it was, into @made, by time since its start. Returns 0 or an error. */
+int closed_run(struct closed *c, const char *dir, const struct experiment_overrides *overrides,
+               struct samples *made, struct apc_error *why);
+/* How much of what moved measurement @p k is not the model's: 0: nothing; 1: as much as all that it, or the model,
+ * moved. */
+double closed_left_out(const struct closed *c, size_t k);
+void closed_free(struct closed *c);
 
 /* ---- Why ------------------------------------------------------------------------------------ */
 

@@ -11,8 +11,8 @@
 
 #include "apc/common/experiment_warnings.h"
 #include "apc/folder/folder.h"
+#include "apc/folder/simulation_export.h"
 #include "apc/report/report.h"
-#include "apc/simulate/simulation_export.h"
 #include "common/storeuri.h"
 #include "oscillation.h"
 

@@ -9,9 +9,9 @@
 
 #include "apc/common/print.h"
 #include "apc/folder/folder.h"
+#include "apc/folder/simulation_export.h"
 #include "apc/report/print_why.h"
 #include "apc/report/report.h"
-#include "simulation_export.h"
 
 #define AROUND 0.1 /* of the run, before and after what failed: in its figure */
 

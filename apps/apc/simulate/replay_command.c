@@ -11,6 +11,7 @@
 #include "apc/common/print.h"
 #include "apc/common/setting.h"
 #include "apc/folder/folder.h"
+#include "closed_replay.h"
 #include "common/storeuri.h"
 #include "files/files.h"
 #include "worker_pool.h"
@@ -20,7 +21,7 @@ struct replay_options {
     bool force, json;
     unsigned jobs;    /* 0: one a CPU */
     double tolerance; /* < 0: none */
-    bool virtually;
+    bool virtually, closed;
     const char *since, *until, *controller;
     struct setting_list set;
     struct experiment_overrides overrides;
@@ -32,6 +33,9 @@ static void check_replay_options(void *input, const struct argp_state *state)
     if (o->virtually && (o->csv || o->overrides.law || o->set.n > 0 || o->tolerance >= 0 || o->since ||
                          o->until || o->controller || o->json || o->jobs))
         argp_error(state, "--virtual: goes with no other option");
+    if (o->closed && (o->virtually || o->csv || o->tolerance >= 0 || o->since || o->until || o->controller ||
+                      o->jobs || (!o->overrides.law && o->set.n == 0)))
+        argp_error(state, "--closed: goes with --law and --set, which say what is to be another, and --json");
     if (o->csv && (o->jobs || o->json))
         argp_error(state, "--csv: goes without --jobs and --json");
 }
@@ -60,6 +64,10 @@ static const struct option_spec own_options[] = {
     {"csv", 0, "FILE", "Write time,loop,recorded,replayed there; - is stdout", OPTION_TEXT, AT(csv)},
     {"virtual", 0, NULL, "Simulate the run again instead, and name the first tick that differs", OPTION_FLAG,
      AT(virtually)},
+    {"closed", 0, NULL,
+     "In closed loop with the model of the plant: what would have been with --law and --set, beside the "
+     "record",
+     OPTION_FLAG, AT(closed)},
     {"force", 0, NULL, "Write over what is in that file", OPTION_FLAG, AT(force)},
     {0},
 };
@@ -600,6 +608,34 @@ static int replay_of_season(struct replay_command *c, const struct replay_watch 
     return print_seasons(c);
 }
 
+static int replay_closed(const struct replay_command *c)
+{
+    struct apc_error why;
+    struct text json = {.at = NULL};
+    int rc = 0;
+    for (int i = 0; i < c->cli.n_args || i == 0; i++)
+        if (c->cli.n_args == 0 || !is_folder(c->cli.args[i]))
+            exit(cli_usage(&c->cli, "--closed: of run folders, not of a store"));
+    for (size_t i = 0; i < c->options.set.n; i++)
+        if (strncmp(c->options.set.at[i].path, "controller", strlen("controller")) != 0)
+            exit(cli_usage(&c->cli,
+                           "--closed: %s: only settings of controllers may be others, as controller.Kp",
+                           c->options.set.at[i].path));
+    json_add(&json, "{runs:[");
+    for (int i = 0; i < c->cli.n_args && rc == 0; i++) {
+        if (c->cli.n_args > 1 && !c->options.json)
+            printf("%s%s\n", i > 0 ? "\n" : "", c->cli.args[i]);
+        rc = closed_replay(c->cli.args[i], &c->options.overrides, c->options.json ? &json : NULL, &why);
+    }
+    json_add(&json, "]}");
+    if (rc == 0 && json.failed)
+        rc = apc_fail(&why, APC_ENOMEM, "out of memory");
+    if (rc == 0 && c->options.json)
+        printf("%.*s\n", (int)json.n, json.at);
+    text_free(&json);
+    return rc < 0 ? fail_replay(c, rc, &why) : 0;
+}
+
 /* Not a run folder as a whole. */
 static bool is_season(const struct replay_command *c)
 {
@@ -621,7 +657,9 @@ int command_replay(int argc, char **argv)
         return cli_usage(&c.cli, "runs and stores, %s, or --store: one of them", c.cli.args[0]);
     if (is_season(&c) && c.options.virtually)
         return cli_usage(&c.cli, "--virtual: of a run folder");
-    int rc = is_season(&c) ? replay_of_season(&c, &outputs) : replay_folder(&c, &watch);
+    int rc = c.options.closed ? replay_closed(&c)
+             : is_season(&c)  ? replay_of_season(&c, &outputs)
+                              : replay_folder(&c, &watch);
     replay_free(&c.replay);
     for (size_t i = 0; i < c.n; i++)
         close_source(&c.source[i]);

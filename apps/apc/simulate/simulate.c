@@ -16,11 +16,11 @@
 #include "apc/common/print_figures.h"
 #include "apc/common/setting.h"
 #include "apc/folder/folder.h"
+#include "apc/folder/simulation_export.h"
 #include "apc/report/report.h"
 #include "base/text.h"
 #include "campaign.h"
 #include "compare.h"
-#include "simulation_export.h"
 #include "sweep.h"
 #include "whatif.h"
 

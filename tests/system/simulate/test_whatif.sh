@@ -105,7 +105,11 @@ fast_experiment
 grep -Eq '^controller: [0-9]+ ticks from then on, at most [0-9.]+ ms late, [0-9]+ missed' real.txt || fail "how late its ticks were is not said: $(cat real.txt)"
 # Promise(analysis/run-goes-otherwise)
 grep -q 'simulated, unchanged' real.svg || fail "the unchanged future is not in the figure"
+"$apc" replay real --closed --set controller.Kp=0.01 >closed.txt || fail "a run in real time is not replayed in closed loop: $(cat closed.txt)"
 if "$apc" replay --virtual real >virtual.txt; then
+  # Promise(simulation/replay-closed)
+  grep -Eq '^unchanged, it is at most (0|[0-9.]+e-[0-9]+) % of a range apart' closed.txt ||
+    fail "no tick was late, and in closed loop the unchanged run is another one: $(cat closed.txt virtual.txt)"
   # Promise(analysis/run-goes-otherwise)
   sed -n '/^unchanged/,/^otherwise/p' real.txt | awk '/^[yu] / { n++; worst += $5 } END { exit !(n == 2 && worst == 0) }' ||
     fail "no tick was late, and the unchanged future is another one: $(cat real.txt virtual.txt)"

@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "closed_replay.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "apc/common/print.h"
+#include "figures/figures.h"
+#include "simulation/simulation.h"
+#include "statistic.h"
+
+#define WINDOWS 10
+#define MOST    0.5 /* of what moved a measurement may be none of the model's, without more being said */
+
+/* Those that add up over windows. */
+static const enum metric metrics[] = {METRIC_IAE, METRIC_ISE, METRIC_EFFORT};
+#define N_METRICS (sizeof metrics / sizeof *metrics)
+
+struct closed_figures {
+    double (*window)[WINDOWS]; /* [n * N_METRICS] */
+    struct loop *loop;
+    size_t n;
+};
+
+/* ---- Windows -------------------------------------------------------------------------------- */
+
+/* What is in force when the window begins, and what comes in it. */
+static int cut_closed_window(struct samples *to, const struct samples *of, apc_ns from, apc_ns until)
+{
+    size_t before = 0;
+    int rc = 0;
+    while (before < of->n && of->at[before].time < from)
+        before++;
+    for (size_t i = before; i-- > 0 && rc == 0;) {
+        struct apc_sample row = of->at[i];
+        bool known = row.table == APC_SENSOR;
+        for (size_t k = 0; k < to->n && !known; k++)
+            known = to->at[k].table == row.table && to->at[k].id == row.id;
+        row.time = from;
+        rc = known ? 0 : samples_add(to, &row);
+    }
+    for (size_t i = before; i < of->n && of->at[i].time < until && rc == 0; i++)
+        rc = samples_add(to, &of->at[i]);
+    return rc;
+}
+
+static int measure_window(struct closed_figures *f, const struct samples *samples, const struct experiment *e,
+                          size_t window, apc_ns from, apc_ns until)
+{
+    struct samples part = {0};
+    struct trajectory c = {.output = NULL};
+    struct figures figures = {0};
+    int rc = cut_closed_window(&part, samples, from, until);
+    if (rc == 0)
+        rc = trajectory_of_samples(&c, &part, e, from);
+    c.end = apc_ns_to_s(until - from);
+    if (rc == 0)
+        rc = figures_make(&figures, &c, e);
+    for (size_t i = 0; i < f->n && rc == 0; i++)
+        for (size_t k = 0; k < N_METRICS; k++)
+            f->window[i * N_METRICS + k][window] = figures.of[i].figure[metrics[k]];
+    figures_free(&figures);
+    trajectory_free(&c);
+    samples_free(&part);
+    return rc;
+}
+
+static int measure_windows(struct closed_figures *f, const struct samples *samples,
+                           const struct experiment *e, apc_ns end)
+{
+    f->loop = calloc(controllers_loops(e) + 1, sizeof *f->loop);
+    const int n = f->loop ? metrics_loops(e, f->loop) : APC_ENOMEM;
+    f->n = n > 0 ? (size_t)n : 0;
+    f->window = calloc(f->n * N_METRICS + 1, sizeof *f->window);
+    int rc = n < 0 ? n : f->window ? 0 : APC_ENOMEM;
+    for (size_t k = 0; k < WINDOWS && rc == 0; k++)
+        rc = measure_window(f, samples, e, k, end * (apc_ns)k / WINDOWS, end * (apc_ns)(k + 1) / WINDOWS);
+    return rc;
+}
+
+static void free_closed_figures(struct closed_figures *f)
+{
+    free(f->window);
+    free(f->loop);
+}
+
+/* ---- What is told --------------------------------------------------------------------------- */
+
+struct closed_answer {
+    struct closed closed;
+    struct samples unchanged, otherwise;
+    struct closed_figures was, is;
+    double apart; /* of the unchanged run from the record, in widths of the range */
+};
+
+/* Of a figure the sum over windows on record and otherwise, and the difference with its interval. */
+struct closed_row {
+    double was, is, low, high;
+};
+
+static struct closed_row closed_row_of(const struct closed_answer *a, size_t at)
+{
+    static const uint64_t seed[WINDOWS];
+    struct closed_row row = {.was = 0};
+    double difference[WINDOWS];
+    for (size_t k = 0; k < WINDOWS; k++) {
+        row.was += a->was.window[at][k];
+        row.is += a->is.window[at][k];
+        difference[k] = a->is.window[at][k] - a->was.window[at][k];
+    }
+    const struct statistic s = statistic_of(difference, seed, WINDOWS);
+    row.low = WINDOWS * (s.mean - s.half);
+    row.high = WINDOWS * (s.mean + s.half);
+    return row;
+}
+
+static const char *closed_verdict(const struct closed_row *row)
+{
+    return row->low > 0 ? "more" : row->high < 0 ? "less" : row->low <= row->high ? "none to be seen" : "";
+}
+
+static int print_closed(const struct closed_answer *a)
+{
+    static const struct print_column columns[] = {{"", PRINT_LEFT},
+                                                  {"", PRINT_LEFT},
+                                                  {"recorded", PRINT_POINT},
+                                                  {"otherwise", PRINT_POINT},
+                                                  {"difference", PRINT_POINT},
+                                                  {"from", PRINT_POINT},
+                                                  {"to", PRINT_POINT},
+                                                  {"", PRINT_LEFT}};
+    const struct experiment *e = &a->closed.was;
+    struct print_table table;
+    for (size_t k = 0; k < e->dim.ny; k++) {
+        const double left = closed_left_out(&a->closed, k);
+        printf("%s: of what moved it the model leaves out %.3g %%%s\n", e->y[k].tag.name, 100 * left,
+               left > MOST ? ": as a disturbance, which acts again, or as an error of the model, with which "
+                             "the answer is wrong"
+                           : "");
+    }
+    printf("unchanged, it is at most %.3g %% of a range apart from the record\n", 100 * a->apart);
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < a->was.n; i++)
+        for (size_t k = 0; k < N_METRICS; k++) {
+            const struct closed_row row = closed_row_of(a, i * N_METRICS + k);
+            print_cell(&table, PRINT_PLAIN, "%s", a->was.loop[i].name);
+            print_cell(&table, PRINT_PLAIN, "%s", metric_name(metrics[k]));
+            print_number(&table, 5, row.was);
+            print_number(&table, 5, row.is);
+            print_number(&table, 3, row.is - row.was);
+            print_number(&table, 3, row.low);
+            print_number(&table, 3, row.high);
+            print_cell(&table, PRINT_PLAIN, "%s", closed_verdict(&row));
+        }
+    return print_table_end(&table, stdout, false, 0);
+}
+
+static void put_closed_json(const struct closed_answer *a, const char *dir, struct text *t)
+{
+    const struct experiment *e = &a->closed.was;
+    json_add(t, "{run:%s, windows:%ju, unchanged_apart:%g, left_out:{", dir, (uintmax_t)WINDOWS, a->apart);
+    for (size_t k = 0; k < e->dim.ny; k++)
+        json_add(t, "%s:%g", e->y[k].tag.name, closed_left_out(&a->closed, k));
+    json_add(t, "}, loops:[");
+    for (size_t i = 0; i < a->was.n; i++) {
+        json_add(t, "{loop:%s", a->was.loop[i].name);
+        for (size_t k = 0; k < N_METRICS; k++) {
+            const struct closed_row row = closed_row_of(a, i * N_METRICS + k);
+            json_add(t, "%s:{recorded:%g, otherwise:%g, low95:%g, high95:%g}", metric_key(metrics[k]),
+                     row.was, row.is, row.low, row.high);
+        }
+        json_add(t, "}");
+    }
+    json_add(t, "]}");
+}
+
+/* ---- All of it ------------------------------------------------------------------------------ */
+
+static double range_of(const struct experiment *e, const struct apc_sample *row)
+{
+    const struct apc_tag *tag = row->table == APC_SENSOR && (size_t)row->id <= e->dim.ny
+                                    ? &e->y[row->id - 1].tag
+                                : row->table == APC_ACTUATOR ? &e->u[row->id - 1].tag
+                                                             : NULL;
+    return tag && tag->high > tag->low ? tag->high - tag->low : HUGE_VAL;
+}
+
+/* Each row beside that of the record at its time or just before it; both are by time. */
+static double widest_apart(const struct experiment *e, const struct samples *made, const struct samples *was)
+{
+    double widest = 0;
+    const size_t n = e->dim.ny + e->dim.nu;
+    const struct apc_sample **newest = calloc(n + 1, sizeof *newest);
+    for (size_t i = 0, k = 0; newest && i < made->n; i++) {
+        const struct apc_sample *row = &made->at[i];
+        for (; k < was->n && was->at[k].time <= row->time; k++) {
+            const struct apc_sample *next = &was->at[k];
+            if (next->table == APC_SENSOR && (size_t)next->id <= e->dim.ny)
+                newest[next->id - 1] = next;
+            else if (next->table == APC_ACTUATOR)
+                newest[e->dim.ny + (size_t)next->id - 1] = next;
+        }
+        const double range = range_of(e, row);
+        const struct apc_sample *same =
+            isinf(range) ? NULL : newest[(row->table == APC_SENSOR ? 0 : e->dim.ny) + (size_t)row->id - 1];
+        if (same)
+            widest = fmax(widest, fabs(row->value - same->value) / range);
+    }
+    free(newest);
+    return newest ? widest : (double)NAN;
+}
+
+static int answer_closed(struct closed_answer *a, const char *dir,
+                         const struct experiment_overrides *overrides, struct apc_error *why)
+{
+    const struct experiment *e = &a->closed.was;
+    int rc = closed_load(&a->closed, dir, why);
+    if (rc == 0)
+        rc = closed_run(&a->closed, dir, NULL, &a->unchanged, why);
+    if (rc == 0)
+        rc = closed_run(&a->closed, dir, overrides, &a->otherwise, why);
+    if (rc < 0)
+        return rc;
+    a->apart = widest_apart(e, &a->unchanged, &a->closed.all);
+    rc = measure_windows(&a->was, &a->closed.all, e, a->closed.end);
+    if (rc == 0)
+        rc = measure_windows(&a->is, &a->otherwise, e, a->closed.end);
+    return rc < 0 ? apc_fail(why, rc, "out of memory") : 0;
+}
+
+int closed_replay(const char *dir, const struct experiment_overrides *overrides, struct text *json,
+                  struct apc_error *why)
+{
+    struct closed_answer a = {.apart = 0};
+    int rc = answer_closed(&a, dir, overrides, why);
+    if (rc == 0 && json)
+        put_closed_json(&a, dir, json);
+    else if (rc == 0 && print_closed(&a) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    free_closed_figures(&a.was);
+    free_closed_figures(&a.is);
+    samples_free(&a.unchanged);
+    samples_free(&a.otherwise);
+    closed_free(&a.closed);
+    return rc;
+}
