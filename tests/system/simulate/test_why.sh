@@ -182,10 +182,22 @@ for jobs in 1 3; do
     fail "stores and a run do not come out: $(cat season-$jobs.json)"
 done
 cmp season-1.json season-3.json || fail "with three processes it is another answer: $(cat season-1.json season-3.json)"
-python3 - <<'END' || fail "not all ticks: $(cat season-1.json)"
+for part in "--until $utc" "--since $utc --until $then"; do # each as a task of an array
+  # shellcheck disable=SC2086
+  "$apc" replay "$database" $part --json >>parts.json || fail "a part does not come out: $(cat parts.json)"
+done
+# A store that one of the processes cannot open is told, and nothing is said of the rest.
+if [ -z "${APC_SANITIZE:-}" ]; then
+  # Promise(simulation/replay-season)
+  expect 3 'history.db: unable to open database file: Input/output error$' env LD_PRELOAD="$APC_BUILD_DIR/tests/unreadable.so" \
+    APC_TEST_UNREADABLE=/history.db APC_TEST_UNREADABLE_BY="$work/by" "$apc" replay "$database" other "sqlite:$work/history.db" --jobs 3
+fi
+python3 - <<'END' || fail "not all ticks: $(cat season-1.json parts.json)"
 import json
 season = json.load(open("season-1.json"))
 database, run, history = (source["controllers"][0] for source in season["sources"])
+parts = [json.loads(line)["sources"][0]["controllers"][0]["ticks"] for line in open("parts.json")]
+assert len(parts) == 2 and min(parts) > 2 and sum(parts) == database["ticks"], (parts, season)
 assert season["same"] and run["ticks"] > 2 and history["ticks"] > 10 and database["ticks"] > run["ticks"] + 2, season
 for of in database, run, history:
     assert of["same"] == of["ticks"] and of["lacking"] == of["other_law"] == 0 and of["differs"]["why"] is None, of
