@@ -185,26 +185,29 @@ static double range_of(const struct experiment *e, const struct apc_sample *row)
     return tag && tag->high > tag->low ? tag->high - tag->low : HUGE_VAL;
 }
 
+static size_t closed_place(const struct experiment *e, const struct apc_sample *row)
+{
+    return (row->table == APC_SENSOR ? 0 : e->dim.ny) + (size_t)row->id - 1;
+}
+
 /* Each row beside that of the record at its time or just before it; both are by time. */
 static double widest_apart(const struct experiment *e, const struct samples *made, const struct samples *was)
 {
     double widest = 0;
     const size_t n = e->dim.ny + e->dim.nu;
-    const struct apc_sample **newest = calloc(n + 1, sizeof *newest);
+    double *newest = calloc(n + 1, sizeof *newest);
+    for (size_t i = 0; newest && i < n; i++)
+        newest[i] = (double)NAN;
     for (size_t i = 0, k = 0; newest && i < made->n; i++) {
         const struct apc_sample *row = &made->at[i];
         for (; k < was->n && was->at[k].time <= row->time; k++) {
             const struct apc_sample *next = &was->at[k];
-            if (next->table == APC_SENSOR && (size_t)next->id <= e->dim.ny)
-                newest[next->id - 1] = next;
-            else if (next->table == APC_ACTUATOR)
-                newest[e->dim.ny + (size_t)next->id - 1] = next;
+            if (!isinf(range_of(e, next)))
+                newest[closed_place(e, next)] = next->value;
         }
         const double range = range_of(e, row);
-        const struct apc_sample *same =
-            isinf(range) ? NULL : newest[(row->table == APC_SENSOR ? 0 : e->dim.ny) + (size_t)row->id - 1];
-        if (same)
-            widest = fmax(widest, fabs(row->value - same->value) / range);
+        if (!isinf(range)) /* fmax() leaves out what is NAN */
+            widest = fmax(widest, fabs(row->value - newest[closed_place(e, row)]) / range);
     }
     free(newest);
     return newest ? widest : (double)NAN;
