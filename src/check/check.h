@@ -8,6 +8,7 @@
 #define APC_CHECK_H
 
 #include "experiment/experiment.h"
+#include "record/record.h"
 
 /* ---- Trajectories --------------------------------------------------------------------------- */
 
@@ -154,7 +155,9 @@ struct scenario_trigger {
 
 struct scenario {
     char file[EXPERIMENT_PATH], title[128];
-    struct experiment e; /* with what the scenario says */
+    struct experiment e;    /* with what the scenario says */
+    bool session;           /* it is of a run that people operated, */
+    struct samples written; /* and this is what they did */
     unsigned runs;
     uint64_t seed;              /* of the first one */
     double share;               /* of them in which each expectation is to hold; 1: all, without more ado */
@@ -165,10 +168,14 @@ struct scenario {
     size_t n_triggers;
 };
 
-/* With @p set [n] over what the file says. Returns 0, or a negative error with FILE:LINE and reason in @p why;
- * scenario_free() in either case. */
-int scenario_load(struct scenario *scenario, const char *file, const struct experiment_setting *set, size_t n,
-                  struct apc_error *why);
+/* With @p set [n] over what the file says. @p session: the folder of a run that people operated, which is judged, instead
+ * of the experiment that the file names, which may be one as well; NULL: none. Returns 0, or a negative error with FILE:LINE
+ * and reason in @p why; scenario_free() in either case. */
+int scenario_load(struct scenario *scenario, const char *file, const char *session,
+                  const struct experiment_setting *set, size_t n, struct apc_error *why);
+/* The same run with the file's actions instead of what people did, to compare with. As scenario_load(). */
+int scenario_load_reference(struct scenario *reference, const struct scenario *session,
+                            struct apc_error *why);
 void scenario_free(struct scenario *scenario);
 
 /* What became of a run before its end. */
@@ -188,5 +195,33 @@ int scenario_run(const struct scenario *scenario, uint64_t seed, struct check_ve
 struct simulation;
 int scenario_rerun(const struct scenario *scenario, uint64_t seed,
                    int (*look)(void *ctx, const struct simulation *s), void *ctx, struct apc_error *why);
+
+/* ---- Sessions ------------------------------------------------------------------------------- */
+
+/* Of an alarm; NAN: there is no such figure. */
+enum session_alarm {
+    SESSION_RAISED,  /* how often */
+    SESSION_FIRST,   /* s: when first */
+    SESSION_SLOWEST, /* s: how long the slowest acknowledgement took; HUGE_VAL: there was none */
+    SESSION_ACTIVE,  /* s: for how long */
+    SESSION_ALARM
+};
+
+/* The figures of a run of a session's experiment, in memory that processes may share. */
+struct session_run {
+    bool made;
+    int rc;
+    char why[200];
+    double ended, beyond; /* s; s that measurements lay beyond their limits, added up */
+    double of[];          /* IAE of each loop of metrics_loops(), then those of alarms */
+};
+size_t session_run_size(const struct scenario *of); /* bytes */
+void session_run_make(struct session_run *run, const struct scenario *of);
+double *session_alarm(struct session_run *run, const struct scenario *of, size_t i); /* [SESSION_ALARM] */
+
+/* The next from number *@i on that the actions of the file do, but for acknowledging; NULL: none. */
+const struct action *session_next_action(const struct scenario *reference, size_t *i);
+/* When people first wrote to what it writes to, from @from on, s; NAN: never. */
+double session_done(const struct scenario *session, const struct action *action, double from);
 
 #endif

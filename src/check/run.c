@@ -113,6 +113,8 @@ static int begin_scenario(const struct scenario *of, uint64_t seed, struct run_t
     int rc = triggers_make(t, of, s);
     t->e.seed = seed;
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : simulation_create(s, &t->e, seed, why);
+    if (rc == 0 && (rc = simulation_repeat_writes(s, &of->written)) < 0)
+        apc_fail(why, rc, "out of memory");
     if (rc == 0 && of->n_triggers > 0 && (rc = simulation_watch(s, triggers_look, t)) < 0)
         apc_fail(why, rc, "out of memory");
     return rc;

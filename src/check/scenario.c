@@ -31,6 +31,9 @@ struct scenario_when {
 struct scenario_reading {
     struct settings s;
     struct scenario *of;
+    const char *session;  /* run folder instead of the experiment that the file names; NULL: none */
+    bool reference;       /* its experiment with the file's `actions` instead of what people wrote */
+    struct record record; /* of a run folder: what else was in force */
     struct scenario_when *when;
     size_t n_when;
     struct scenario_change *change;
@@ -286,6 +289,7 @@ static int parse_changed_scenario(struct scenario_reading *r, const char *file, 
     char *now = strdup(text), *next, said[EXPERIMENT_PATH + 200];
     const struct scenario_change *last = n > 0 ? &r->change[n - 1] : NULL;
     struct apc_error of_change;
+    struct record record = r->record;
     int rc = now ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
 
     if (last && last->line)
@@ -297,14 +301,16 @@ static int parse_changed_scenario(struct scenario_reading *r, const char *file, 
         if (rc < 0)
             apc_fail(why, rc, "%s: %s", said, of_change.text);
         else {
+            experiment_forget(&record, r->change[i].path);
             free(now);
             now = next;
         }
     }
     if (rc == 0)
-        rc = experiment_parse(
-            &r->of->e, &(struct experiment_source){.file = file, .text = now, .change = last ? said : NULL},
-            EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+        rc = experiment_parse(&r->of->e,
+                              &(struct experiment_source){
+                                  .file = file, .text = now, .change = last ? said : NULL, .record = &record},
+                              EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
     free(now);
     return rc;
 }
@@ -474,6 +480,63 @@ static void read_runs(struct scenario_reading *r, const config_setting_t *root)
     of->seed = (uint64_t)seed;
 }
 
+/* It is judged as it was. */
+static void check_session(struct scenario_reading *r, const config_setting_t *root)
+{
+    static const char *const other[] = {"set",          "duration", "network", "clock", "faults",
+                                        "disturbances", "runs",     "seed",    "share", NULL};
+    const struct experiment *e = &r->of->e;
+    char dir[EXPERIMENT_PATH], samples[EXPERIMENT_PATH + 16];
+    (void)experiment_run_dir(e, dir);
+    snprintf(samples, sizeof samples, "%s/samples.csv", dir);
+    for (size_t i = 0; other[i]; i++)
+        if (config_setting_get_member(root, other[i]))
+            settings_fail(&r->s, config_setting_get_member(root, other[i]),
+                          "\"%s\" would make another run of session %s, which is judged as it was: put it "
+                          "into the experiment before people operate it",
+                          other[i], dir);
+    if (!r->s.failed && access(samples, F_OK) != 0)
+        r->s.failed = apc_fail(r->s.why, APC_ESTATE,
+                               "%s: the session has not ended: there is no samples.csv yet; of one that was "
+                               "killed `apc report %s` makes it",
+                               dir, dir);
+}
+
+/* What people wrote, where it is the folder of a run that they operated. */
+static void read_session(struct scenario_reading *r, const config_setting_t *root)
+{
+    struct scenario *of = r->of;
+    const int rc = simulation_written(&of->e, &of->written, r->s.why);
+    of->session = rc > 0;
+    if (rc < 0)
+        r->s.failed = rc;
+    else if (rc > 0)
+        check_session(r, root);
+    else if (r->session)
+        r->s.failed = apc_fail(
+            r->s.why, APC_ENOTFOUND,
+            "%s: expected the folder of a run of `apc run --speed`, which has " WRITTEN_FILE, r->session);
+    if (r->reference)
+        of->written.n = 0;
+}
+
+static void read_experiment(struct scenario_reading *r, const config_setting_t *root)
+{
+    struct scenario *of = r->of;
+    char name[EXPERIMENT_PATH] = "", path[EXPERIMENT_PATH];
+    settings_text(&r->s, root, "experiment", REQUIRED, name, sizeof name);
+    if (!r->s.failed && !r->session)
+        resolve_experiment(r, config_setting_get_member(root, "experiment"), name, path);
+    if (r->s.failed)
+        return;
+    r->s.failed = experiment_load(&of->e, r->session ? r->session : path, EXPERIMENT_MODEL | EXPERIMENT_LAW,
+                                  NULL, r->s.why);
+    if (!r->s.failed)
+        r->s.failed = record_read(&r->record, of->e.file, r->s.why);
+    if (!r->s.failed)
+        read_session(r, root);
+}
+
 static void read_scenario(struct scenario_reading *r, const config_setting_t *root,
                           const struct experiment_setting *set, size_t n)
 {
@@ -481,15 +544,9 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
                                         "clock",      "faults", "runs",   "seed",     "disturbances",
                                         "actions",    "share",  "expect", NULL};
     struct scenario *of = r->of;
-    char name[EXPERIMENT_PATH] = "", path[EXPERIMENT_PATH];
-    settings_text(&r->s, root, "experiment", REQUIRED, name, sizeof name);
     settings_known(&r->s, root, known);
+    read_experiment(r, root);
     if (r->s.failed)
-        return;
-    resolve_experiment(r, config_setting_get_member(root, "experiment"), name, path);
-    if (r->s.failed)
-        return;
-    if ((r->s.failed = experiment_load(&of->e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, r->s.why)) < 0)
         return;
     snprintf(of->title, sizeof of->title, "%s", of->e.title);
     settings_text(&r->s, root, "title", OPTIONAL, of->title, sizeof of->title);
@@ -499,44 +556,60 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
     read_scenario_set(r, root);
     read_groups_instead(r, root, "disturbances", "plant.disturbances", read_scenario_disturbance);
     read_groups(r, root, "faults", read_scenario_fault);
-    read_groups_instead(r, root, "actions", "actions", read_scenario_action);
+    if (!of->session || r->reference)
+        read_groups_instead(r, root, "actions", "actions", read_scenario_action);
     for (size_t i = 0; i < n; i++)
         add_change(r, set[i].path, strdup(set[i].value), 0);
     if (!r->s.failed && r->n > 0)
         r->s.failed = change_experiment(r, r->s.why);
     if (!r->s.failed && !(of->e.duration > 0))
-        settings_fail(&r->s, root, "%s has no duration: give the scenario one, as duration = 600.0;", name);
+        settings_fail(&r->s, root, "%s has no duration: give the scenario one, as duration = 600.0;",
+                      of->e.file);
     if (r->s.failed)
         return;
     read_runs(r, root);
     read_expectations(r, root);
 }
 
-int scenario_load(struct scenario *scenario, const char *file, const struct experiment_setting *set, size_t n,
-                  struct apc_error *why)
+static int load_scenario(struct scenario_reading *r, const char *file, const struct experiment_setting *set,
+                         size_t n, struct apc_error *why)
 {
     config_t config;
-    *scenario = (struct scenario){.runs = 1};
-    struct scenario_reading r = {.s = {.file = scenario->file, .why = why}, .of = scenario};
-    snprintf(scenario->file, sizeof scenario->file, "%s", file);
+    *r->of = (struct scenario){.runs = 1};
+    r->s = (struct settings){.file = r->of->file, .why = why};
+    snprintf(r->of->file, sizeof r->of->file, "%s", file);
     if (access(file, F_OK) < 0 && errno == ENOENT)
         return apc_fail(why, APC_ENOTFOUND, "%s: No such file or directory: expected a scenario", file);
-    r.s.failed = settings_load(&config, file, why);
-    if (!r.s.failed)
-        read_scenario(&r, config_root_setting(&config), set, n);
+    r->s.failed = settings_load(&config, file, why);
+    if (!r->s.failed)
+        read_scenario(r, config_root_setting(&config), set, n);
     config_destroy(&config);
-    for (size_t i = 0; i < r.n; i++) {
-        free(r.change[i].path);
-        free(r.change[i].value);
+    for (size_t i = 0; i < r->n; i++) {
+        free(r->change[i].path);
+        free(r->change[i].value);
     }
-    free(r.change);
-    free(r.when);
-    return r.s.failed;
+    free(r->change);
+    free(r->when);
+    record_free(&r->record);
+    return r->s.failed;
+}
+
+int scenario_load(struct scenario *scenario, const char *file, const char *session,
+                  const struct experiment_setting *set, size_t n, struct apc_error *why)
+{
+    return load_scenario(&(struct scenario_reading){.of = scenario, .session = session}, file, set, n, why);
+}
+
+int scenario_load_reference(struct scenario *reference, const struct scenario *session, struct apc_error *why)
+{
+    struct scenario_reading r = {.of = reference, .session = session->e.file, .reference = true};
+    return load_scenario(&r, session->file, NULL, 0, why);
 }
 
 void scenario_free(struct scenario *scenario)
 {
     experiment_free(&scenario->e);
+    samples_free(&scenario->written);
     free(scenario->expect);
     free(scenario->sources.at);
     for (size_t i = 0; i < scenario->n_triggers; i++)

@@ -542,6 +542,9 @@ void record_free(struct record *record);
 int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
                     struct apc_error *why);
 
+/* The folder of the run whose run.conf @p e was read from; false: it is no run's. */
+bool experiment_run_dir(const struct experiment *e, char dir[EXPERIMENT_PATH]);
+
 /* Where a run's data are and its record goes, as it was named to people; "": not recorded. */
 struct record_stores {
     char live[128], history[512];

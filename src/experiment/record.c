@@ -143,6 +143,13 @@ int record_read(struct record *r, const char *file, struct apc_error *why)
     return s.failed;
 }
 
+bool experiment_run_dir(const struct experiment *e, char dir[EXPERIMENT_PATH])
+{
+    const char *slash = strrchr(e->file, '/'), *name = slash ? slash + 1 : e->file;
+    snprintf(dir, EXPERIMENT_PATH, "%.*s", slash ? (int)(slash - e->file) : 1, slash ? e->file : ".");
+    return !strcmp(name, "run.conf");
+}
+
 /* The record of the run folder @p dir; config_destroy() in either case. */
 static int load_record(struct settings *s, config_t *config, char path[600], const char *dir)
 {

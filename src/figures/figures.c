@@ -444,6 +444,18 @@ static void sum_up_parts(struct metrics *m, size_t n_parts)
     m->figure[METRIC_UNCONTROLLED] = time > 0 ? lost / time : none;
 }
 
+double figures_beyond(const struct experiment *e, const struct trajectory *c)
+{
+    double time = 0;
+    for (size_t i = 0; i < e->dim.ny; i++) {
+        const struct curve *y = &c->output[i];
+        for (size_t k = 0; k < y->n; k++)
+            if (y->at[k].value < e->y[i].tag.low || y->at[k].value > e->y[i].tag.high)
+                time += (k + 1 < y->n ? y->at[k + 1].t : c->end) - y->at[k].t;
+    }
+    return c->end > 0 ? time / c->end : 0;
+}
+
 int figures_make(struct figures *f, const struct trajectory *c, const struct experiment *e)
 {
     *f = (struct figures){0};

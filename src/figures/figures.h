@@ -71,6 +71,9 @@ int metrics_loops(const struct experiment *e, struct loop *loop);
 int figures_make(struct figures *f, const struct trajectory *c, const struct experiment *e);
 void figures_free(struct figures *f);
 
+/* Share of the time, added up over the measurements, that they lay beyond their limits. */
+double figures_beyond(const struct experiment *e, const struct trajectory *c);
+
 /* Of the setpoint or disturbance whose event it is: the name. */
 const char *figures_variable(const struct event *event, const struct experiment *e);
 /* "r 10 -> 20", "load 0 -> -0.15", "start"; several with "; " between them. */

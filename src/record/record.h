@@ -62,7 +62,8 @@ void samples_write_rows(const struct samples *s, apc_ns start, FILE *out); /* wi
  * actual that they name, and what the laws published.
  */
 
-#define TICKS_FILE "ticks.db"
+#define TICKS_FILE   "ticks.db"
+#define WRITTEN_FILE "written.csv" /* of apc run --speed */
 
 /* The ticks in @p file, to be read or written by whom no tick waits for: as long as a busy disk takes.
  * Returns 0 or a negative error. */

@@ -3,7 +3,9 @@
  * repeated. */
 #include "simulation_internal.h"
 
+#include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 struct clock_step {
     struct simulation *s;
@@ -261,6 +263,21 @@ void simulation_repeat(void *ctx)
         apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,
                        simulation_repeat, s) < 0)
         simulation_stop(s, APC_ENOMEM, "out of memory");
+}
+
+int simulation_written(const struct experiment *e, struct samples *rows, struct apc_error *why)
+{
+    char dir[EXPERIMENT_PATH], path[EXPERIMENT_PATH + sizeof WRITTEN_FILE];
+    *rows = (struct samples){0};
+    if (!experiment_run_dir(e, dir))
+        return 0;
+    snprintf(path, sizeof path, "%s/" WRITTEN_FILE, dir);
+    if (access(path, F_OK) != 0)
+        return 0;
+    const int rc = samples_read(rows, dir, WRITTEN_FILE, why);
+    for (size_t i = 0; i < rows->n; i++) /* the file has whole microseconds */
+        rows->at[i].time = SIMULATION_BEGIN + simulation_nearest_tick(e, rows->at[i].time);
+    return rc < 0 ? rc : 1;
 }
 
 int simulation_repeat_writes(struct simulation *s, const struct samples *rows)

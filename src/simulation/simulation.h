@@ -172,6 +172,10 @@ int simulation_operate(struct simulation *s, const struct action *action);
 int simulation_watch(struct simulation *s, void (*watch)(void *ctx, apc_ns t), void *ctx);
 void simulation_destroy(struct simulation *s);
 
+/* What people wrote in the run whose folder @p e is of, for simulation_repeat_writes(). Returns 1; 0: it has no such
+ * file; or an error. samples_free() in any case. */
+int simulation_written(const struct experiment *e, struct samples *rows, struct apc_error *why);
+
 /* ---- Past ----------------------------------------------------------------------------------- */
 
 /*

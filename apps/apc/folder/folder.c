@@ -651,14 +651,6 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
 
 /* ---- What its file does not say ------------------------------------------------------------ */
 
-/* Whose run.conf it is; false: it is no run's. */
-static bool dir_of_run(const struct experiment *e, char dir[sizeof e->file])
-{
-    const char *slash = strrchr(e->file, '/'), *name = slash ? slash + 1 : e->file;
-    snprintf(dir, sizeof e->file, "%.*s", slash ? (int)(slash - e->file) : 1, slash ? e->file : ".");
-    return !strcmp(name, "run.conf");
-}
-
 int folder_put_written(const char *dir, const struct samples *written, apc_ns start, struct apc_error *why)
 {
     return put_samples_files(dir, WRITTEN_FILE, written, start, why);
@@ -679,21 +671,6 @@ int folder_add_written(const char *dir, const struct samples *written, size_t fr
                : apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
 }
 
-int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why)
-{
-    char dir[sizeof e->file], path[PATH_LEN];
-    *written = (struct samples){0};
-    if (!dir_of_run(e, dir))
-        return 0;
-    path_in_folder(dir, WRITTEN_FILE, "", path);
-    if (access(path, F_OK) != 0)
-        return 0;
-    const int rc = samples_read(written, dir, WRITTEN_FILE, why);
-    for (size_t i = 0; i < written->n; i++) /* the file has whole microseconds */
-        written->at[i].time = SIMULATION_BEGIN + simulation_nearest_tick(e, written->at[i].time);
-    return rc < 0 ? rc : 1;
-}
-
 /* Of the file's actions, which it does say. */
 static unsigned long long count_actions(const struct experiment *e, bool tuning)
 {
@@ -711,9 +688,9 @@ unsigned long long folder_operated(const struct experiment *e, bool tuning)
 {
     struct samples operation;
     struct apc_error why;
-    char dir[sizeof e->file];
+    char dir[EXPERIMENT_PATH];
     unsigned long long n = 0;
-    if (!e->start || !dir_of_run(e, dir))
+    if (!e->start || !experiment_run_dir(e, dir))
         return 0;
     if (samples_read(&operation, dir, "operation.csv", &why) == 0)
         for (size_t i = 0; i < operation.n; i++) {

@@ -52,17 +52,12 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
 /* Make samples.columns of samples.csv: what Python reads faster. Where it cannot be there is none. */
 void folder_columns(const char *dir);
 
-#define WRITTEN_FILE "written.csv"
-
 /* What people wrote to a simulated plant, each row at the tick at which it took effect. Returns 0 or an error. */
 struct samples;
 int folder_put_written(const char *dir, const struct samples *written, apc_ns start, struct apc_error *why);
 /* The same of what has come to it from row @p from on, behind what is there: as people go on. */
 int folder_add_written(const char *dir, const struct samples *written, size_t from, apc_ns start,
                        struct apc_error *why);
-/* That of the run whose folder @p e is of, in the time of a simulation. Returns 1; 0: it has no such file; or an
- * error. samples_free() in any case. */
-int folder_written(const struct experiment *e, struct samples *written, struct apc_error *why);
 
 /* Rows of modes, tuning and manual outputs, or of tuning alone, that an operator wrote in the run whose folder
  * @p e is of: what a computation from its file leaves out. */

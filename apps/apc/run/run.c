@@ -103,7 +103,7 @@ static int load_written(struct run *r, struct apc_error *why)
 {
     struct samples *w = &r->written;
     apc_ns from = 0;
-    const int rc = folder_written(&r->e, w, why);
+    const int rc = simulation_written(&r->e, w, why);
     if (rc == 0)
         return apc_fail(
             why, APC_ENOTFOUND,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc check: scenarios in virtual time, over their seeds, and what is expected of them. */
-#include "check_print.h"
+#include "check_session.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -17,22 +17,27 @@ struct check_options {
     unsigned runs, jobs; /* 0: the scenario's; one a CPU */
     uint64_t seed;
     bool seeded;
-    const char *report;
+    const char *session, *report;
     bool force;
     struct setting_list set;
 };
 
-static const char *const formats[] = {"text", "tap", "junit", NULL};
+static const char *const formats[] = {"text", "tap", "junit", "json", "html", NULL};
 
 #define AT(member) .to = offsetof(struct check_options, member)
 static const struct option_spec own_options[] = {
-    {"format", 0, "FORMAT", "text (default), tap (Test Anything Protocol) or junit (XML)", OPTION_CHOICE,
-     AT(format), .choices = formats},
+    {"format", 0, "FORMAT",
+     "text (default), tap (Test Anything Protocol), junit (XML), json, or html: a page for paper",
+     OPTION_CHOICE, AT(format), .choices = formats},
     {"runs", 'n', "N", "Runs of each scenario instead of the file's, with one seed each", OPTION_COUNT,
      AT(runs), .low = 1, .high = 1000000, .must = "be 1 to 1000000"},
     {"seed", 's', "N", "Of the first run, instead of the file's; without --runs of the only one",
      OPTION_WHOLE, AT(seed), .given = 1 + offsetof(struct check_options, seeded), .high = 0x1p53,
      .must = "be a whole number, 0 to 9007199254740992"},
+    {"session", 0, "RUN",
+     "Judge what people did in the run of `apc run --speed` in folder RUN, instead of running the scenario's "
+     "experiment",
+     OPTION_TEXT, AT(session)},
     {"jobs", 'j', "N", "Processes; default: one a CPU", OPTION_COUNT, AT(jobs), .low = 1, .high = 1024,
      .must = "be 1 to 1024"},
     {"set", 0, "PATH=VALUE",
@@ -132,7 +137,8 @@ static int load_scenarios(struct check *c)
         return cli_error(&c->cli, APC_ENOMEM, "out of memory");
     for (; c->n < (size_t)c->cli.n_args; c->n++) {
         struct scenario *of = &c->of[c->n].scenario;
-        const int loaded = scenario_load(of, c->cli.args[c->n], c->options.set.at, c->options.set.n, &why);
+        int loaded = scenario_load(of, c->cli.args[c->n], c->options.session, c->options.set.at,
+                                   c->options.set.n, &why);
         if (loaded < 0) {
             cli_error(&c->cli, loaded, "%s", why.text);
             rc = EXIT_USAGE;
@@ -142,6 +148,13 @@ static int load_scenarios(struct check *c)
         of->runs = c->options.runs ? c->options.runs : c->options.seeded ? 1 : of->runs;
         if (check_runs(c, of) < 0)
             rc = EXIT_USAGE;
+        if (of->session && (c->options.runs || c->options.seeded || c->options.set.n > 0))
+            rc = cli_usage(&c->cli, "%s: a session is judged as it was: not with --runs, --seed or --set",
+                           of->file);
+        if (of->session && (loaded = checked_session_load(&c->of[c->n], &why)) < 0) {
+            cli_error(&c->cli, loaded, "%s", why.text);
+            rc = EXIT_USAGE;
+        }
     }
     if (rc == EXIT_OK && c->options.report) {
         umask(077); /* the record of a plant is its owner's */
@@ -199,11 +212,16 @@ int command_check(int argc, char **argv)
     struct apc_error why;
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
     const struct check_report report = {&c.cli, c.options.report, c.options.force};
-    int code = load_scenarios(&c);
+    int code = c.options.format == CHECK_FORMAT_HTML && c.cli.n_args > 1
+                   ? cli_usage(&c.cli, "--format html: a page is of one scenario")
+                   : load_scenarios(&c);
     if (code == EXIT_OK) {
         int rc = run_scenarios(&c, &why);
         if (rc < 0)
             code = cli_error(&c.cli, rc, "%s", why.text);
+        for (size_t i = 0; i < c.n && code == EXIT_OK && c.pool; i++)
+            if (c.of[i].session && (rc = checked_session_make(&c.of[i], c.options.jobs, &why)) < 0)
+                code = cli_error(&c.cli, rc, "%s", why.text);
         for (size_t i = 0; i < c.n && code == EXIT_OK && c.pool; i++)
             if ((rc = checked_why(&c.of[i], &report, &why)) < 0)
                 code = cli_error(&c.cli, rc, "%s", why.text);
@@ -215,6 +233,7 @@ int command_check(int argc, char **argv)
         remove(c.options.report); /* fails, as it should, when there is more in it */
     for (size_t i = 0; i < c.n; i++) {
         checked_why_free(&c.of[i]);
+        checked_session_free(&c.of[i]);
         scenario_free(&c.of[i].scenario);
     }
     free(c.of);

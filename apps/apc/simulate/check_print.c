@@ -5,7 +5,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "apc/common/print.h"
+#include "apc/common/print_page.h"
+#include "check_session.h"
 
 const struct check_trial *checked_trial(const struct checked *c, unsigned run)
 {
@@ -89,6 +90,12 @@ static void print_scenario(const struct checked *c)
     print_clean(stdout, of->file);
     fputs(": ", stdout);
     print_clean(stdout, of->title);
+    if (c->session) {
+        fputs("; session ", stdout);
+        print_clean(stdout, checked_session_folder(c));
+        fputs(", operated by ", stdout);
+        print_clean(stdout, checked_session_who(c));
+    }
     if (of->runs > 1)
         printf("; %u runs of %.10g s, seeds %llu to %llu\n", of->runs, of->e.duration,
                (unsigned long long)of->seed, (unsigned long long)of->seed + of->runs - 1);
@@ -228,6 +235,81 @@ static size_t count_failed(const struct checked *c)
     return failed;
 }
 
+/* ---- A page --------------------------------------------------------------------------------- */
+
+static void begin_check_page(const struct checked *c)
+{
+    page_begin(stdout, c->session ? "Training record" : "Acceptance report", c->scenario.title);
+    fputs("<p>", stdout);
+    page_text(stdout, c->scenario.file);
+    if (c->session) {
+        fputs("; session ", stdout);
+        page_text(stdout, checked_session_folder(c));
+        fputs(", operated by ", stdout);
+        page_text(stdout, checked_session_who(c));
+    }
+    printf("; %.10g s, runs: %u from seed %llu on; libapc %s</p>\n", c->scenario.e.duration, c->scenario.runs,
+           (unsigned long long)c->scenario.seed, apc_version());
+}
+
+static size_t print_check_page(const struct checked *c)
+{
+    static const struct print_column columns[] = {
+        {"expectation", PRINT_LEFT}, {"", PRINT_LEFT}, {"", PRINT_LEFT}};
+    struct print_table t;
+    size_t failed = 0;
+    begin_check_page(c);
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < c->scenario.n_expect; i++) {
+        const struct check_outcome o = checked_outcome(c, i);
+        failed += !o.held;
+        print_cell(&t, PRINT_PLAIN, "%s", c->scenario.expect[i].text);
+        print_cell(&t, PRINT_PLAIN, "%s", o.held ? "held" : "failed");
+        print_cell(&t, PRINT_PLAIN, "%s", o.text);
+    }
+    if (page_table(stdout, &t) < 0 || (c->session && checked_session_show(c, stdout, page_table) < 0))
+        fputs("<p>out of memory</p>\n", stdout);
+    fputs("<p>Date, name, signature:</p>\n</body>\n</html>\n", stdout);
+    return failed;
+}
+
+/* ---- JSON ----------------------------------------------------------------------------------- */
+
+static size_t add_checks(struct text *t, const struct checked *c)
+{
+    size_t failed = 0;
+    json_add(t, "expectations:[");
+    for (size_t i = 0; i < c->scenario.n_expect; i++) {
+        const struct check_outcome o = checked_outcome(c, i);
+        char near[400];
+        checked_near(c, &o, i, near, sizeof near);
+        failed += !o.held;
+        json_add(t, "{expectation:%s, held:%i, message:%s, near:%-s, why:%-s}", c->scenario.expect[i].text,
+                 o.held, o.text, o.held ? "" : near, checked_reason(c, i));
+    }
+    json_add(t, "]");
+    return failed;
+}
+
+static size_t print_check_json(const struct checked *c, size_t n)
+{
+    struct text t = {.out = stdout};
+    size_t failed = 0;
+    json_add(&t, "[");
+    for (size_t k = 0; k < n; k++) {
+        const struct scenario *of = &c[k].scenario;
+        json_add(&t, "{scenario:%s, title:%s, duration_s:%g, runs:%u, seed:%ju,", of->file, of->title,
+                 of->e.duration, of->runs, (uintmax_t)of->seed);
+        failed += add_checks(&t, &c[k]);
+        if (c[k].session)
+            checked_session_json(&c[k], &t);
+        json_add(&t, "}");
+    }
+    json_add(&t, "]");
+    putchar('\n');
+    return failed;
+}
+
 /* ---- All of it ------------------------------------------------------------------------------ */
 
 static void begin_check_format(const struct checked *c, size_t n, enum check_format format)
@@ -252,9 +334,26 @@ static void begin_check_scenario(const struct checked *c, enum check_format form
     printf("\" tests=\"%zu\" failures=\"%zu\">\n", c->scenario.n_expect, count_failed(c));
 }
 
+static int put_check_table(FILE *out, struct print_table *table)
+{
+    putc('\n', out);
+    return print_table_end(table, out, false, 0);
+}
+
+static void show_session(const struct checked *c)
+{
+    if (checked_session_show(c, stdout, put_check_table) < 0)
+        fputs("out of memory", stdout);
+    putchar('\n');
+}
+
 size_t checked_print(const struct checked *c, size_t n, enum check_format format)
 {
     size_t number = 0, failed = 0;
+    if (format == CHECK_FORMAT_HTML)
+        return print_check_page(c);
+    if (format == CHECK_FORMAT_JSON)
+        return print_check_json(c, n);
     begin_check_format(c, n, format);
     for (size_t k = 0; k < n; k++) {
         begin_check_scenario(&c[k], format);
@@ -271,6 +370,8 @@ size_t checked_print(const struct checked *c, size_t n, enum check_format format
         }
         if (format == CHECK_FORMAT_JUNIT)
             puts("  </testsuite>");
+        else if (format == CHECK_FORMAT_TEXT && c[k].session)
+            show_session(&c[k]);
     }
     if (format == CHECK_FORMAT_JUNIT)
         puts("</testsuites>");

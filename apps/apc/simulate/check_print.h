@@ -19,7 +19,8 @@ struct check_trial {
 struct checked {
     struct scenario scenario;
     char *trials;
-    size_t stride; /* bytes: from one to the next */
+    size_t stride;                 /* bytes: from one to the next */
+    struct check_session *session; /* check_session.h; NULL: people did not operate it */
     char **why; /* [n_expect] where one failed, why the output moved that answers for it; NULL: not known */
 };
 
@@ -33,7 +34,13 @@ struct check_outcome {
     uint64_t seed;                       /* of it */
 };
 
-enum check_format { CHECK_FORMAT_TEXT = 0, CHECK_FORMAT_TAP, CHECK_FORMAT_JUNIT };
+enum check_format {
+    CHECK_FORMAT_TEXT,
+    CHECK_FORMAT_TAP,
+    CHECK_FORMAT_JUNIT,
+    CHECK_FORMAT_JSON,
+    CHECK_FORMAT_HTML
+};
 
 const struct check_trial *checked_trial(const struct checked *c, unsigned run);
 struct check_outcome checked_outcome(const struct checked *c, size_t expectation);

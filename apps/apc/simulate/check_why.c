@@ -103,6 +103,8 @@ static int leave_folder(struct failures *f, const struct simulation *s)
         rc = folder_create(f->dir, s->e, f->report->force, f->why);
     if (rc == 0)
         rc = simulation_export(s, f->dir, "apc check", 0, f->why);
+    if (rc == 0 && f->of->scenario.session)
+        rc = folder_put_written(f->dir, &s->written, SIMULATION_BEGIN, f->why);
     if (rc == 0) {
         rc = report_leave(f->report->cli, f->dir, s->e, f->of->scenario.title, NULL, f->why);
         f->drawn = rc > 0;

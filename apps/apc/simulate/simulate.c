@@ -415,7 +415,7 @@ static void tell_left_out(const struct simulate *r)
 {
     struct samples written;
     struct apc_error why;
-    if (folder_written(&r->e, &written, &why) > 0 && written.n > 0)
+    if (simulation_written(&r->e, &written, &why) > 0 && written.n > 0)
         fprintf(r->talk,
                 "what people wrote in that run, %zu value%s, is not written in these: without --runs and "
                 "--sweep it is\n",
@@ -526,7 +526,7 @@ static int run_for_report(struct simulate *r, struct sink *sink)
 /* Of the run of apc run --speed whose folder it is what people did. */
 static int create_simulation(struct simulate *r, struct apc_error *why)
 {
-    int rc = folder_written(&r->e, &r->written, why);
+    int rc = simulation_written(&r->e, &r->written, why);
     if (rc >= 0)
         rc = simulation_create(&r->s, &r->e, r->options.seed, why);
     if (rc == 0 && (rc = simulation_repeat_writes(&r->s, &r->written)) < 0)

@@ -23,18 +23,6 @@ bool trial_counts(const struct trial *t)
     return t->made && (t->rc == 0 || t->diverged);
 }
 
-static double beyond(const struct experiment *e, const struct trajectory *c)
-{
-    double time = 0;
-    for (size_t i = 0; i < e->dim.ny; i++) {
-        const struct curve *y = &c->output[i];
-        for (size_t k = 0; k < y->n; k++)
-            if (y->at[k].value < e->y[i].tag.low || y->at[k].value > e->y[i].tag.high)
-                time += (k + 1 < y->n ? y->at[k + 1].t : c->end) - y->at[k].t;
-    }
-    return c->end > 0 ? time / c->end : 0;
-}
-
 static void make_trial(struct trial *t, const struct experiment *e, uint64_t seed)
 {
     struct simulation s;
@@ -49,7 +37,7 @@ static void make_trial(struct trial *t, const struct experiment *e, uint64_t see
         t->failures = simulation_failures(&s);
         t->diverged = s.trajectory.diverged;
         t->ended = s.ended;
-        t->beyond = beyond(e, &s.trajectory);
+        t->beyond = figures_beyond(e, &s.trajectory);
         if (figures_make(&figures, &s.trajectory, e) < 0)
             t->rc = APC_ENOMEM;
         for (size_t loop = 0; loop < figures.n_loops; loop++)

@@ -225,11 +225,48 @@ file=$work/alarmed.conf begin alarmed --no-ui
 speed step 20
 expect 0 'y\.high: acknowledged \(seen\) \(written: the simulation is paused, its next tick applies it\)$' \
   "$apc" alarm ack y.high --reason seen --store "$store"
+expect 0 '' "$apc" set --store "$store" --no-wait r 10.5
 speed step 5
 expect 0 '^y\.high +3 +Acknowledged Active' "$apc" alarm list --store "$store"
 expect 0 '^y\.high: acknowledged|^y\.high: shelved .*paused' "$apc" alarm shelve y.high --for 1h --store "$store"
+# Promise(simulation/check-session): `apc check --session RUN` judges what people did in that run of `apc run --speed`: it repeats
+#   what they wrote at the same ticks. Of one that has not ended it refuses to say anything.
+cat >"$work/exam.scenario" <<'END'
+experiment = "alarmed.conf"; actions = ( { when = "alarm y.high"; after = 0.4; ack = "y.high"; } );
+expect = ( "operator acknowledges y.high within 3 s", "operator acknowledges within 1.5 s" );
+END
+expect 2 'alarmed: the session has not ended: there is no samples.csv yet' "$apc" check "$work/exam.scenario" --session "$work/alarmed"
 kill -INT $pid
 wait $pid || fail "the run ended with $?"
+expect 1 '^  failed  operator acknowledges within 1.5 s: not yet at' "$apc" check "$work/exam.scenario" --session "$work/alarmed" --report "$work/judged"
+expect 1 '^  held    operator acknowledges y.high within 3 s: at 4 s$' "$apc" check "$work/exam.scenario" --session "$work/judged/exam-1"
+# Promise(simulation/check-record): Of a session `apc check` says who operated it, how long each acknowledgement and the right action took, and
+#   its figures beside those of the same run untouched, and with what the scenario does: as text, JSON or a page for paper.
+sed -i 's/actions = (/& { at = 2.2; set = "r"; value = 11.0; },/' "$work/exam.scenario"
+record() { "$apc" check "$work/exam.scenario" --session "$work/alarmed" --format "$1" || true; }
+record json >"$work/record.json"
+record html >"$work/record.html"
+python3 - "$work/record.json" "$(id -un)" <<'END'
+import json, sys
+session = json.load(open(sys.argv[1]))[0]["session"]
+assert session["who"] == sys.argv[2] and session["folder"].endswith("alarmed"), session
+assert session["alarms"] == [{"name": "y.high", "raised": 1, "first_at_s": 2, "acknowledged": True, "acknowledged_after_s": 2}]
+assert session["actions"] == [{"name": "set r", "at_s": 4}], session
+iae = {run: figures["iae"][0]["value"] for run, figures in session["runs"].items()}
+assert iae["untouched"] < iae["session"] < iae["reference"], iae # the more, the earlier it was stepped away from
+END
+expect 1 "session $work/alarmed, operated by $(id -un); 5 s, seed 1" "$apc" check "$work/exam.scenario" --session "$work/alarmed"
+grep -q '<h1>Training record First-order process' "$work/record.html" || fail "no record: $(cat "$work/record.html")"
+grep -q '<tr><td>set r</td><td>4</td><td>2</td></tr>' "$work/record.html" || fail "nothing of the right action: $(cat "$work/record.html")"
+expect 2 'a page is of one scenario' "$apc" check --format html "$work/exam.scenario" "$work/exam.scenario"
+# Without --session it is the operator of the scenario who acts; a scenario may be of a session alone.
+expect 0 'held    operator acknowledges within 1.5 s' "$apc" check "$work/exam.scenario"
+sed 's/alarmed.conf/alarmed/' "$work/exam.scenario" >"$work/own.scenario"
+expect 1 '^  held    operator acknowledges y.high within 3 s: at 4 s$' "$apc" check "$work/own.scenario"
+echo 'experiment = "alarmed"; duration = 4.0; expect = ( "y < 9" );' >"$work/own.scenario"
+expect 2 'own.scenario:1: "duration" would make another run of session' "$apc" check "$work/own.scenario"
+expect 2 'a session is judged as it was: not with --runs' "$apc" check "$work/exam.scenario" --session "$work/alarmed" --seed 2
+expect 2 'expected the folder of a run of `apc run --speed`' "$apc" check "$work/exam.scenario" --session "$file"
 
 # Once it has been killed, nothing shows it as one that lives: its time is not followed, and nothing is written for it.
 # killed X: one that ran at that speed, and was killed

@@ -277,7 +277,7 @@ static int load_text(struct scenario *scenario, const char *text, struct apc_err
     FILE *out = fdopen(fd, "w");
     fputs(text, out);
     fclose(out);
-    const int rc = scenario_load(scenario, path, NULL, 0, why);
+    const int rc = scenario_load(scenario, path, NULL, NULL, 0, why);
     remove(path);
     return rc;
 }
