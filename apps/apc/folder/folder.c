@@ -352,10 +352,11 @@ static int write_record(const char *dir, const struct experiment *e, const struc
     return file_close(&f, rc, why);
 }
 
-/* When it ended: the last line. */
-static int write_end(const char *dir, double ended, struct apc_error *why)
+/* Lines that begin with one of @p names, NULL at the end, give way to what @p put writes behind all others. */
+static int replace_record_lines(const char *dir, const char *const *names,
+                                void (*put)(FILE *out, const void *value), const void *value,
+                                struct apc_error *why)
 {
-    static const char name[] = "ended";
     char path[PATH_LEN], *line = NULL;
     size_t size = 0;
     struct file f;
@@ -365,15 +366,49 @@ static int write_end(const char *dir, double ended, struct apc_error *why)
         return apc_fail(why, APC_ESYS, "%s: cannot be read: %s", path, strerror(errno));
     int rc = file_open(&f, dir, RECORD_FILE, why);
     if (rc == 0) {
-        while (getline(&line, &size, in) >= 0)
-            if (strncmp(line, name, sizeof name - 1) != 0)
+        while (getline(&line, &size, in) >= 0) {
+            size_t k = 0;
+            while (names[k] && strncmp(line, names[k], strlen(names[k])) != 0)
+                k++;
+            if (!names[k])
                 fputs(line, f.stream);
-        put_record_number(f.stream, name, ended);
+        }
+        put(f.stream, value);
         rc = file_close(&f, 0, why);
     }
     free(line);
     fclose(in);
     return rc;
+}
+
+static void put_end(FILE *out, const void *ended)
+{
+    put_record_number(out, "ended", *(const double *)ended);
+}
+
+static void put_store(FILE *out, const void *store)
+{
+    put_record_text(out, "store", store);
+    fputc('\n', out);
+}
+
+static int write_end(const char *dir, double ended, struct apc_error *why)
+{
+    static const char *const names[] = {"ended = ", NULL};
+    return replace_record_lines(dir, names, put_end, &ended, why);
+}
+
+int folder_moved(const char *dir, struct apc_error *why)
+{
+    static const char *const names[] = {"live = ", "store = ", NULL};
+    char path[PATH_LEN], store[PATH_LEN + sizeof "sqlite:"];
+    path_in_folder(dir, "store.db", "", path);
+    char *real = realpath(path, NULL);
+    if (!real)
+        return apc_fail(why, APC_ESYS, "%s: %s", path, strerror(errno));
+    snprintf(store, sizeof store, "sqlite:%.*s", PATH_LEN - 1, real);
+    free(real);
+    return replace_record_lines(dir, names, put_store, store, why);
 }
 
 int folder_keep(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,

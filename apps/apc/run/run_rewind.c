@@ -11,6 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "apc/folder/folder.h"
 #include "run.h"
 #include "simulation/simulation.h"
 
@@ -60,9 +61,12 @@ int run_rewind(struct run *r)
     const apc_ns to = simulation_nearest_tick(&r->e, r->rewind - SIMULATION_BEGIN);
     const char *argv[16] = {"apc", "run", "--speed", "0", "--out", r->dir, "--duration", duration};
     size_t n = 8;
+    struct apc_error why;
     const int rc = set_aside(r, aside);
     if (rc < 0)
         return rc;
+    if (folder_moved(aside, &why) < 0)
+        cli_error(&r->cli, APC_ESYS, "%s", why.text);
     apc_number_format(apc_ns_to_s(to), from, sizeof from);
     apc_number_format(r->e.duration, duration, sizeof duration); /* it ended before */
     if (to > 0) {

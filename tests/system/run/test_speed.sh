@@ -214,6 +214,10 @@ for was in back.1 back.2 back.3 back; do
   expect 0 '' "$apc" replay "$work/$was"
   "$apc" simulate "$work/$was" --csv - 2>"$work/simulate.log" | cmp - "$work/$was/samples.csv" || fail "the simulation of $was is another"
 done
+# Its record names the store where it is now, and not the memory, which is that of the run that goes on.
+grep -qF "store = \"sqlite:$(realpath "$work/back.1")/store.db\"; " "$work/back.1/record.conf" || fail "another store: $(cat "$work/back.1/record.conf")"
+! grep -q '^live' "$work/back.1/record.conf" || fail "its memory is another run's"
+expect 0 '^y ' "$apc" get --store "$work/back.1" y
 [ ! -e "$work/back.4" ] || fail "a run that nobody rewound"
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.1/samples.csv" >"$work/before"
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.2/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
