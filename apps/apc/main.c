@@ -26,6 +26,7 @@ static const struct {
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS",
      NULL},
     {"speed", command_speed, "how fast `apc run --speed` simulates", NULL},
+    {"fault", command_fault, "start and stop faults of the plant of `apc run --speed`", NULL},
     {"remote", command_remote, "give a setpoint back to the controller above that moves it", NULL},
     {"promote", command_promote, "make a shadow controller the active one", NULL},
     {"watch", command_watch, "follow values as they change", NULL},

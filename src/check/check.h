@@ -173,7 +173,8 @@ struct scenario {
  * and reason in @p why; scenario_free() in either case. */
 int scenario_load(struct scenario *scenario, const char *file, const char *session,
                   const struct experiment_setting *set, size_t n, struct apc_error *why);
-/* The same run with the file's actions instead of what people did, to compare with. As scenario_load(). */
+/* The same run with the file's actions instead of what people did, but for an instructor's faults, to compare with. As
+ * scenario_load(). */
 int scenario_load_reference(struct scenario *reference, const struct scenario *session,
                             struct apc_error *why);
 void scenario_free(struct scenario *scenario);

@@ -502,6 +502,16 @@ static void check_session(struct scenario_reading *r, const config_setting_t *ro
                                dir, dir);
 }
 
+/* The instructor's, which are no part of what was done about them. */
+static void keep_faults(struct samples *written)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < written->n; i++)
+        if (loops_is_fault(&written->at[i]))
+            written->at[n++] = written->at[i];
+    written->n = n;
+}
+
 /* What people wrote, where it is the folder of a run that they operated. */
 static void read_session(struct scenario_reading *r, const config_setting_t *root)
 {
@@ -517,10 +527,10 @@ static void read_session(struct scenario_reading *r, const config_setting_t *roo
             r->s.why, APC_ENOTFOUND,
             "%s: expected the folder of a run of `apc run --speed`, which has " WRITTEN_FILE, r->session);
     if (r->reference)
-        of->written.n = 0;
+        keep_faults(&of->written);
 }
 
-static void read_experiment(struct scenario_reading *r, const config_setting_t *root)
+static void read_scenario_experiment(struct scenario_reading *r, const config_setting_t *root)
 {
     struct scenario *of = r->of;
     char name[EXPERIMENT_PATH] = "", path[EXPERIMENT_PATH];
@@ -545,7 +555,7 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
                                         "actions",    "share",  "expect", NULL};
     struct scenario *of = r->of;
     settings_known(&r->s, root, known);
-    read_experiment(r, root);
+    read_scenario_experiment(r, root);
     if (r->s.failed)
         return;
     snprintf(of->title, sizeof of->title, "%s", of->e.title);

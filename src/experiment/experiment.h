@@ -326,6 +326,9 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
 int experiment_text(struct apc_store *store, char **text, int64_t *revision, struct apc_error *why);
 /* APC_EPERM where a law or the plant is the user's own, which not everybody may have run: "..., so @instead". */
 int experiment_refuse_own(const struct experiment_source *from, const char *instead, struct apc_error *why);
+/* The same, parsed. Returns 1; 0: there is none; or an error with a text in @p why. experiment_free() in any case. */
+int experiment_stored(struct experiment *e, struct apc_store *store, int64_t *revision,
+                      struct apc_error *why);
 /* How the variables were described as of @past, an apc_store_past() of @now: *tags [*n] to be freed; NULL: as they
  * are now. @refusal: as of experiment_refuse_own(); NULL: whatever law it is. Returns 0 or an error. */
 int experiment_tags_then(struct apc_store *past, struct apc_store *now, const char *refusal,
@@ -541,6 +544,33 @@ void record_free(struct record *record);
  * or a negative error. */
 int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
                     struct apc_error *why);
+
+/* Fault number @p i of the experiment: those of measurements, then those of outputs. When it begins, since the plant's first
+ * tick, is of this run: people start and end faults (LOOPS_FAULT). kind NULL: there are no more. */
+#define FAULT_NEVER INT64_MAX
+struct experiment_fault {
+    const struct apc_tag *signal;
+    const char *kind;
+    apc_ns *at;
+};
+struct experiment_fault experiment_fault(const struct experiment *e, size_t i);
+
+/* Those of the experiment of a store. */
+struct faults {
+    struct experiment e;
+    struct apc_sample *row; /* [n] newest of each, seq 0: nobody started or stopped it */
+    size_t n;
+};
+enum fault_state { FAULT_WAITS, FAULT_TIMED, FAULT_STARTED, FAULT_STOPPED };
+/* Returns 0 or an error with a text in @p why; faults_close() in either case. */
+int faults_open(struct faults *f, struct apc_store *store, struct apc_error *why);
+void faults_close(struct faults *f);
+enum fault_state faults_state(const struct faults *f, size_t i);
+const char *fault_state_name(enum fault_state state);
+struct text;
+void faults_json(const struct faults *f, struct text *t);
+/* At the next tick of the plant fault @p i starts or stops. Returns 0 or the store's error. */
+int faults_order(struct apc_store *store, size_t i, bool start, const char *who);
 
 /* The folder of the run whose run.conf @p e was read from; false: it is no run's. */
 bool experiment_run_dir(const struct experiment *e, char dir[EXPERIMENT_PATH]);

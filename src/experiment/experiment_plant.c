@@ -49,6 +49,26 @@ static size_t find_plant_variable(struct settings *s, const config_setting_t *at
 
 /* ---- Sensors ------------------------------------------------------------------------------- */
 
+static const char *const sensor_faults[] = {"", "stuck", "drift", "dropout", "spike", NULL};
+static const char *const actuator_faults[] = {"",     "stuck",      "stiction", "backlash",
+                                              "rate", "saturation", "reverse",  NULL};
+
+struct experiment_fault experiment_fault(const struct experiment *e, size_t i)
+{
+    size_t k = i;
+    for (size_t y = 0; y < e->dim.ny; k -= e->sensor[y++].n_faults)
+        if (k < e->sensor[y].n_faults) {
+            struct apc_sensor_fault *fault = &e->faults[i];
+            return (struct experiment_fault){&e->y[y].tag, sensor_faults[fault->kind], &fault->at};
+        }
+    for (size_t n = 0, u = 0; e->actuator && u < e->dim.nu; n += e->actuator[u++].n_faults)
+        if (k - n < e->actuator[u].n_faults) {
+            struct apc_actuator_fault *fault = &e->actuator_faults[k];
+            return (struct experiment_fault){&e->u[u].tag, actuator_faults[fault->kind], &fault->at};
+        }
+    return (struct experiment_fault){NULL, NULL, NULL};
+}
+
 /* Its kind, 1 and up by @kinds, whose first is none; @said: what there is. Then when it is. */
 static int read_fault_time(struct settings *s, const config_setting_t *group, const char *const *known,
                            const char *const *kinds, const char *said, apc_ns when[2])
@@ -67,7 +87,13 @@ static int read_fault_time(struct settings *s, const config_setting_t *group, co
         settings_fail(s, config_setting_get_member(group, "kind"), "\"kind\" must be %s", said);
     if (s->failed)
         return 0;
-    when[0] = seconds(s, group, "at", REQUIRED);
+    bool waits = false;
+    settings_flag(s, group, "instructor", &waits);
+    when[0] = seconds(s, group, "at", waits ? OPTIONAL : REQUIRED);
+    if (waits && config_setting_get_member(group, "at"))
+        settings_fail(s, group, "it has both \"at\" and \"instructor\": one of them says when it begins");
+    if (waits)
+        when[0] = FAULT_NEVER;
     when[1] = seconds(s, group, "duration", OPTIONAL);
     return k;
 }
@@ -85,11 +111,10 @@ static void read_fault_number(struct settings *s, const config_setting_t *group,
 
 static void read_fault(struct settings *s, const config_setting_t *group, struct apc_sensor_fault *fault)
 {
-    static const char *const known[] = {"kind", "at", "duration", "size", NULL};
-    static const char *const kinds[] = {"", "stuck", "drift", "dropout", "spike", NULL};
+    static const char *const known[] = {"kind", "at", "instructor", "duration", "size", NULL};
     apc_ns when[2] = {0, 0};
     fault->kind = (enum apc_sensor_fault_kind)read_fault_time(
-        s, group, known, kinds, "\"stuck\", \"drift\", \"dropout\" or \"spike\"", when);
+        s, group, known, sensor_faults, "\"stuck\", \"drift\", \"dropout\" or \"spike\"", when);
     fault->at = when[0];
     fault->duration = when[1];
     read_fault_number(s, group, "size", fault->kind == APC_FAULT_DRIFT || fault->kind == APC_FAULT_SPIKE,
@@ -132,12 +157,11 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
 static void read_actuator_fault(struct settings *s, const config_setting_t *group, const struct apc_tag *tag,
                                 struct apc_actuator_fault *fault)
 {
-    static const char *const known[] = {"kind", "at", "duration", "size", "jump", "low", "high", NULL};
-    static const char *const kinds[] = {"",     "stuck",      "stiction", "backlash",
-                                        "rate", "saturation", "reverse",  NULL};
+    static const char *const known[] = {"kind", "at",  "instructor", "duration", "size",
+                                        "jump", "low", "high",       NULL};
     apc_ns when[2] = {0, 0};
     const int k = read_fault_time(
-        s, group, known, kinds,
+        s, group, known, actuator_faults,
         "\"stuck\", \"stiction\", \"backlash\", \"rate\", \"saturation\" or \"reverse\"", when);
     const bool ends = k == APC_ACTUATOR_SATURATION;
     fault->kind = (enum apc_actuator_fault_kind)k;

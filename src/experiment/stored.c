@@ -21,6 +21,20 @@ static bool is_of_user(const char *plugin)
     return strchr(plugin, '/') || is_fmu(plugin);
 }
 
+int experiment_stored(struct experiment *e, struct apc_store *store, int64_t *revision, struct apc_error *why)
+{
+    char *text = NULL;
+    *e = (struct experiment){.n_controllers = 0};
+    int rc = experiment_text(store, &text, revision, why);
+    if (rc > 0) {
+        rc =
+            experiment_parse(e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL, why);
+        rc = rc < 0 ? rc : 1;
+    }
+    free(text);
+    return rc;
+}
+
 int experiment_refuse_own(const struct experiment_source *from, const char *instead, struct apc_error *why)
 {
     struct experiment e;

@@ -32,6 +32,13 @@
 #define LOOPS_RAMP(variable) (7 * LOOPS_IDS + (variable))
 #define LOOPS_RATE(variable) (8 * LOOPS_IDS + (variable))
 
+/* Of table opmode: fault number @p i of a simulated plant, from 0: 1 from its row on, 0 no more. */
+#define LOOPS_FAULT(i) (9 * LOOPS_IDS + 1 + (int)(i))
+static inline bool loops_is_fault(const struct apc_sample *row)
+{
+    return row->table == APC_OPMODE && row->id / LOOPS_IDS == 9;
+}
+
 struct loops_controller {
     char name[APC_TAG_LEN];
     int number;      /* id of its tick row */

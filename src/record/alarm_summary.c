@@ -10,18 +10,6 @@
 
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int parse_alarm_catalogue(struct experiment *e, struct apc_store *store, int64_t *revision,
-                                 struct apc_error *why)
-{
-    char *text;
-    int rc = experiment_text(store, &text, revision, why);
-    if (rc > 0)
-        rc =
-            experiment_parse(e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL, why);
-    free(text);
-    return rc;
-}
-
 static int make_alarm_summary(struct alarm_summary *b, struct apc_error *why)
 {
     const size_t n = b->e.n_alarms;
@@ -61,7 +49,7 @@ int alarm_summary_open(struct alarm_summary *b, struct apc_store *store, struct 
         return apc_fail(why, rc, "%s", apc_store_error(store));
     if (revision == 0 || revision != b->revision) {
         alarm_summary_close(b);
-        if ((rc = parse_alarm_catalogue(&b->e, store, &revision, why)) < 0 ||
+        if ((rc = experiment_stored(&b->e, store, &revision, why)) < 0 ||
             (rc = make_alarm_summary(b, why)) < 0)
             return rc;
         b->revision = revision;

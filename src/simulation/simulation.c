@@ -545,9 +545,13 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
 static int make_simulated_room(struct simulation *s)
 {
     const struct apc_dim *dim = &s->e->dim;
-    const struct apc_part parts[] = {APC_PART(s->u, dim->nu),       APC_PART(s->y, dim->ny),
-                                     APC_PART(s->command, dim->nu), APC_PART(s->answer, dim->ny),
-                                     APC_PART(s->outside, dim->ny), APC_PART(s->now, dim->nu)};
+    size_t n_faults = 0;
+    while (experiment_fault(s->e, n_faults).kind)
+        n_faults++;
+    const struct apc_part parts[] = {APC_PART(s->u, dim->nu),          APC_PART(s->y, dim->ny),
+                                     APC_PART(s->command, dim->nu),    APC_PART(s->answer, dim->ny),
+                                     APC_PART(s->outside, dim->ny),    APC_PART(s->now, dim->nu),
+                                     APC_PART(s->fault_seen, n_faults)};
     s->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
     if (!s->memory || trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;

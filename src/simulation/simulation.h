@@ -95,6 +95,8 @@ struct simulation {
     void (*measured)(void *ctx, struct apc_sample *y, size_t n); /* before they are stored; NULL: nobody */
     void *measured_ctx;
 
+    int64_t *fault_seen; /* [faults] seq of the row that started or stopped it, as far as it is seen */
+
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */
     volatile sig_atomic_t interrupt; /* it is asked to end */

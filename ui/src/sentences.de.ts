@@ -85,6 +85,7 @@ export const sentences: Record<string, string> = {
   "the database did not answer: whether it was written is not known": "die Datenbank hat nicht geantwortet: ob geschrieben wurde, ist nicht bekannt",
   "the database is a history, which no loop reads: write where the loop runs": "die Datenbank ist ein Archiv, das kein Regelkreis liest: dort schreiben, wo der Regelkreis läuft",
   "the plant is not simulated: its time is real": "die Anlage wird nicht simuliert: ihre Zeit ist die wirkliche",
+  "there is no such fault": "diese Störung gibt es nicht",
   "nobody simulates the plant yet: its `apc run --speed` begins": "noch simuliert niemand die Anlage: ihr `apc run --speed` beginnt",
   "nobody simulates the plant any more: its `apc run --speed` was ended, and its time stands still": "niemand simuliert die Anlage mehr: ihr `apc run --speed` ist beendet, und ihre Zeit steht still",
   "there is no drawing of this plant: an SVG beside the experiment file, with its name, is one": "von dieser Anlage gibt es kein Fließbild: ein SVG neben der Experimentdatei, mit deren Namen, ist eines",

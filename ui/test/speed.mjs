@@ -43,6 +43,13 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await page.keyboard.press("Enter");
   await until("and another one, by a key", async () => Math.abs((await time(page)) - begin - 0.4) < 0.01);
 
+  // Promise(page/faults): The page gives the instructor of a simulated plant its faults to start and to stop.
+  await strip(page).locator("summary").click();
+  await press(page, "Start y stuck");
+  await until("it has started", async () => /y stuck: started at 2000-01-01/.test(await strip(page).locator(".faults").textContent()));
+  await press(page, "Stop y stuck");
+  await until("it has stopped", async () => /y stuck: stopped at 2000-01-01/.test(await strip(page).locator(".faults").textContent()));
+
   await press(page, "10×");
   await until("it goes on", async () => (await time(page)) > begin + 5);
   await until("the speed is told", async () => /^asked 10×, reached [0-9.]+×/.test(await said(page)));

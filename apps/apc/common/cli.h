@@ -137,6 +137,7 @@ int command_init(int argc, char **argv);
 int command_run(int argc, char **argv);
 int command_simulate(int argc, char **argv);
 int command_speed(int argc, char **argv);
+int command_fault(int argc, char **argv);
 int command_check(int argc, char **argv);
 int command_replay(int argc, char **argv);
 int command_why(int argc, char **argv);

@@ -99,4 +99,12 @@ enum print_ink print_severity_ink(enum apc_event_severity severity);
 void print_event_csv(FILE *out, const struct apc_event *event);
 void print_event_json(struct text *t, const struct apc_event *event);
 
+/* ---- A page of HTML, that prints well: what is put into it is text and never markup ----------- */
+
+/* Until its heading, @p what and the name of what it is about. */
+void page_begin(FILE *out, const char *what, const char *name);
+void page_text(FILE *out, const char *text);
+/* Of a table that has rows, which is closed. Returns 0 or APC_ENOMEM. */
+int page_table(FILE *out, struct print_table *table);
+
 #endif

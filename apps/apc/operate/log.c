@@ -43,19 +43,12 @@ static const struct cli_spec log_spec = {
 /* The name of the plant, of a store that has its experiment. */
 static int name_of_plant(struct apc_store *store, char name[APC_TAG_LEN], struct apc_error *why)
 {
-    struct experiment e = {0};
-    char *text = NULL;
+    struct experiment e;
     int64_t revision;
-    int rc = experiment_text(store, &text, &revision, why);
-    name[0] = '\0';
-    if (rc > 0)
-        rc = experiment_parse(&e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL,
-                              why);
-    if (rc == 0)
-        snprintf(name, APC_TAG_LEN, "%s", e.name);
+    const int rc = experiment_stored(&e, store, &revision, why);
+    snprintf(name, APC_TAG_LEN, "%s", rc > 0 ? e.name : "");
     experiment_free(&e);
-    free(text);
-    return rc;
+    return rc < 0 ? rc : 0;
 }
 
 static int show_log_page(const struct cli *cli, const struct log_options *own)

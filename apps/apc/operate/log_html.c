@@ -2,7 +2,7 @@
 /* The log book as a page. */
 #include <string.h>
 
-#include "apc/common/print_page.h"
+#include "apc/common/print.h"
 #include "operate.h"
 
 struct log_page {

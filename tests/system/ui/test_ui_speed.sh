@@ -7,7 +7,8 @@
 . "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset APC_STORE
 export HOME=$work
-background run "$apc" run "$APC_SOURCE_DIR/experiments/first-order.conf" --duration 0 --speed 0 --out "$work/run" --no-ui
+sed 's/name = "y";/& faults = ( { kind = "stuck"; instructor = true; } );/' "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/first-order.conf"
+background run "$apc" run "$work/first-order.conf" --duration 0 --speed 0 --out "$work/run" --no-ui
 simulator=$pid
 until_true 60 grep -q APC_STORE "$work/run.log"
 store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/run.log")

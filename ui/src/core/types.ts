@@ -169,6 +169,15 @@ export interface Simulation {
   error: string | null; // nobody simulates it any more
 }
 
+/** Of a simulated plant, for who may be its instructor. */
+export interface Fault {
+  number: number;
+  signal: string;
+  kind: string;
+  state: "waits" | "timed" | "started" | "stopped";
+  since: number | null; // the plant's time at which somebody started or stopped it
+}
+
 export interface State {
   t: number;
   id: string;

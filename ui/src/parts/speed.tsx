@@ -3,11 +3,11 @@
 import type {JSX} from "preact";
 import {useRef, useState} from "preact/hooks";
 import {useWriteBar, wall} from "../access";
-import {post} from "../core/api";
+import {get, post} from "../core/api";
 import {number, stamp} from "../core/format";
 import {simulation} from "../core/model";
 import {said as worded, tr} from "../core/texts";
-import type {Simulation} from "../core/types";
+import type {Fault, Simulation} from "../core/types";
 import {useCell} from "../usecell";
 
 const SPEEDS = [1, 10, 100, 1000, null]; // null: as fast as it goes
@@ -21,6 +21,43 @@ function told({asked, reached, error}: Simulation): string {
   if (asked == null) return tr("speed.max", speeds);
   if (reached === 0) return tr("speed.asked", speeds); // nobody has measured it yet
   return tr(reached < HELD * asked ? "speed.missed" : "speed.reached", speeds);
+}
+
+/** For the instructor alone: what breaks. */
+function Faults(): JSX.Element | null {
+  const [faults, setFaults] = useState<Fault[]>([]);
+  const [trouble, setTrouble] = useState<string | null>(null);
+  const barred = useWriteBar("engineer");
+  if (barred != null) return null;
+  const take = (answer: Promise<{faults: Fault[]}>): void =>
+    void answer.then(
+      said => {
+        setFaults(said.faults);
+        setTrouble(null);
+      },
+      (error: Error) => setTrouble(error.message),
+    );
+  return (
+    <details class="faults" onToggle={event => event.currentTarget.open && take(get("/api/faults"))}>
+      <summary>{tr("faults.title")}</summary>
+      <ul>
+        {faults.map(one => {
+          const start = one.state !== "started";
+          return (
+            <li key={one.number}>
+              {`${one.signal} ${one.kind}: `}
+              {tr(`faults.${one.state}`, {at: one.since == null ? "" : stamp(one.since, 1)})}{" "}
+              <button type="button" onClick={() => take(post("/api/faults", {fault: one.number, start}, 10))}>
+                {tr(start ? "faults.start" : "faults.stop", {fault: `${one.signal} ${one.kind}`})}
+              </button>
+            </li>
+          );
+        })}
+        {faults.length === 0 && <li>{tr("faults.none")}</li>}
+      </ul>
+      {trouble && <span class="complaint" role="alert">{trouble}</span>}
+    </details>
+  );
 }
 
 export function SpeedStrip(): JSX.Element | null {
@@ -55,6 +92,7 @@ export function SpeedStrip(): JSX.Element | null {
           <span class="segments" role="group" aria-label={tr("speed.speed")}>
             {SPEEDS.map(one => <button type="button" key={one} {...bar} aria-pressed={one === now.asked} onClick={() => ask(one)}>{one == null ? tr("speed.most") : `${one}×`}</button>)}
           </span>
+          <Faults />
         </>
       )}
       {trouble && <span class="complaint" role="alert">{trouble}</span>}

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "apc/common/print_page.h"
+#include "apc/common/print.h"
 #include "check_session.h"
 
 const struct check_trial *checked_trial(const struct checked *c, unsigned run)

@@ -5,9 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apc/simulate/trial.h"
+#include "apc/simulate/worker_pool.h"
 #include "figures/figures.h"
-#include "trial.h"
-#include "worker_pool.h"
 
 enum { RUN_SESSION, RUN_UNTOUCHED, RUN_REFERENCE, RUNS };
 
@@ -58,9 +58,9 @@ int checked_session_load(struct checked *c, struct apc_error *why)
     if (!s)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     (void)experiment_run_dir(&c->scenario.e, s->dir);
-    s->untouched = c->scenario;
-    s->untouched.written.n = 0;
     int rc = scenario_load_reference(&s->reference, &c->scenario, why);
+    s->untouched = c->scenario;
+    s->untouched.written = s->reference.written;
     s->n = s->reference.n_triggers + s->reference.e.n_actions > 0 ? 3 : 2;
     return rc < 0 ? rc : read_people(s, why);
 }
@@ -198,18 +198,18 @@ static void put_runs_row(const struct checked *c, struct print_table *t, const c
         print_number(t, 4, figure(c, run, i));
 }
 
-static double iae_of(const struct checked *c, size_t run, size_t i)
+static double session_iae(const struct checked *c, size_t run, size_t i)
 {
     return session_run_at(c, run)->of[i];
 }
 
-static double beyond_of(const struct checked *c, size_t run, size_t i)
+static double session_beyond(const struct checked *c, size_t run, size_t i)
 {
     (void)i;
     return session_run_at(c, run)->beyond;
 }
 
-static double active_of(const struct checked *c, size_t run, size_t i)
+static double session_active(const struct checked *c, size_t run, size_t i)
 {
     return session_alarm(session_run_at(c, run), &c->scenario, i)[SESSION_ACTIVE];
 }
@@ -228,12 +228,12 @@ static int show_session_runs(const struct checked *c, FILE *out, check_table_fn 
     print_table_open(&t, columns, 1 + c->session->n);
     for (int i = 0; i < n; i++) {
         snprintf(name, sizeof name, "IAE %s", loop[i].name);
-        put_runs_row(c, &t, name, iae_of, (size_t)i);
+        put_runs_row(c, &t, name, session_iae, (size_t)i);
     }
-    put_runs_row(c, &t, "beyond limits s", beyond_of, 0);
+    put_runs_row(c, &t, "beyond limits s", session_beyond, 0);
     for (size_t i = 0; i < e->n_alarms; i++) {
         snprintf(name, sizeof name, "%s active s", e->alarm[i].name);
-        put_runs_row(c, &t, name, active_of, i);
+        put_runs_row(c, &t, name, session_active, i);
     }
     free(loop);
     const int rc = put(out, &t);
@@ -323,12 +323,12 @@ void checked_session_json(const struct checked *c, struct text *t)
     (void)each_action(c, add_action, t);
     json_add(t, "], runs:{");
     for (size_t run = 0; run < c->session->n; run++) {
-        json_add(t, "%s:{beyond_limits_s:%g, iae:[", run_keys[run], beyond_of(c, run, 0));
+        json_add(t, "%s:{beyond_limits_s:%g, iae:[", run_keys[run], session_beyond(c, run, 0));
         for (int i = 0; i < n; i++)
-            json_add(t, "{name:%s, value:%g}", loop[i].name, iae_of(c, run, (size_t)i));
+            json_add(t, "{name:%s, value:%g}", loop[i].name, session_iae(c, run, (size_t)i));
         json_add(t, "], alarm_active_s:[");
         for (size_t i = 0; i < e->n_alarms; i++)
-            json_add(t, "{name:%s, value:%g}", e->alarm[i].name, active_of(c, run, i));
+            json_add(t, "{name:%s, value:%g}", e->alarm[i].name, session_active(c, run, i));
         json_add(t, "]}");
     }
     json_add(t, "}}");

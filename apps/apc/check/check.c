@@ -9,8 +9,8 @@
 #include "apc/common/cli.h"
 #include "apc/common/setting.h"
 #include "apc/folder/folder.h"
-#include "trial.h"
-#include "worker_pool.h"
+#include "apc/simulate/trial.h"
+#include "apc/simulate/worker_pool.h"
 
 struct check_options {
     enum check_format format;
