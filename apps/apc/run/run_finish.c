@@ -154,7 +154,7 @@ static int leave_run_report(struct run *r)
         record_failure(r, until);
     if (rc >= 0)
         rc = patiently(r, export, since, until, &why);
-    const int drawn = rc >= 0 ? write_report(r, &why) : 0;
+    const int drawn = rc >= 0 && r->rewind == 0 ? write_report(r, &why) : 0; /* somebody waits for it to go on */
     if (drawn < 0 && !r->failure.text[0])
         apc_fail(&r->failure, APC_ESTATE, "the record cannot be read: %.400s", why.text);
     if (rc >= 0 && drained < 0) {

@@ -221,12 +221,38 @@ for was in back.1 back.2 back.3 back; do
 done
 # Its record names the store where it is now, and not the memory, which is that of the run that goes on.
 grep -qF "store = \"sqlite:$(realpath "$work/back.1")/store.db\"; " "$work/back.1/record.conf" || fail "another store: $(cat "$work/back.1/record.conf")"
+expect 0 'IAE' "$apc" report "$work/back.1"
 ! grep -q '^live' "$work/back.1/record.conf" || fail "its memory is another run's"
 expect 0 '^y ' "$apc" get --store "$work/back.1" y
 [ ! -e "$work/back.4" ] || fail "a run that nobody rewound"
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.1/samples.csv" >"$work/before"
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.2/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
 grep -q '^20.000000,actuator,1,.*,1.5$\|^20.0[0-9]*,actuator,1,.*,1.5$' "$work/back.1/samples.csv" || fail "what was later is lost"
+
+# Promise(run/rewind-exact): To which tick a simulated run goes back does not matter, whatever law controls it: the rest of it is that
+#   of the run that went on.
+RANDOM=40
+# rest WRITTEN FROM NAME FILE OPTION...: a run of FILE, with a setpoint that somebody wrote at one time, gone on with at a later one
+rest() {
+  local written=$1 from=$2 name=rest-$3
+  shift 2
+  "$apc" run "$APC_SOURCE_DIR/experiments/$2.conf" --duration 60 --speed max --no-ui --out "$work/$name" "${@:3}" >"$work/$name.log" 2>&1
+  awk -F, -v at="$written" '$2 == "setpoint" && $3 == 1 { value = $5 } END { print at ",setpoint,1,Good," 0.9 * value + 0.1 }' \
+    "$work/$name/samples.csv" >>"$work/$name/written.csv"
+  "$apc" run "$work/$name" --speed max --from "$from" --no-ui --out "$work/$name-on" >>"$work/$name.log" 2>&1
+  again "$work/$name-on"
+  [ "$(digest "$work/$name-on/samples.csv")" = "$("$apc" simulate "$work/$name" | sed -n 's/^sha256: *//p')" ] || fail "$name, $written s: from $from s on the run is another"
+  [ "$(digest "$work/$name-on/samples.csv")" != "$(digest "$work/$name/samples.csv")" ] || fail "$name: what was written changes nothing"
+}
+rested=()
+for law in 'pi first-order' 'pid four-tank' 'lqg quadruple-tank-nonminimum' 'mpc quadruple-tank-mpc' 'nmpc adiabatic-cstr-nmpc' \
+  'cascade double-tank' "own first-order --law $APC_BUILD_DIR/examples/mylaw.so"; do
+  # shellcheck disable=SC2086
+  written=$((RANDOM % 50))
+  rest $written.$RANDOM $((written + 1 + RANDOM % (58 - written))).$RANDOM $law &
+  rested+=($!)
+done
+for pid in "${rested[@]}"; do wait "$pid" || fail "the rest of a run is another: $(cat "$work"/rest-*.log)"; done
 
 # What people want of an alarm waits for the next tick as well
 sed -e 's/name = "y";/& alarms = ( { kind = "high"; limit = 1.0; } ); faults = ( { kind = "stuck"; instructor = true; } );/' \
