@@ -154,7 +154,8 @@ static int leave_run_report(struct run *r)
         record_failure(r, until);
     if (rc >= 0)
         rc = patiently(r, export, since, until, &why);
-    const int drawn = rc >= 0 && r->rewind == 0 ? write_report(r, &why) : 0; /* somebody waits for it to go on */
+    /* somebody waits for a run that is rewound to go on */
+    const int drawn = rc >= 0 && r->rewind == 0 ? write_report(r, &why) : 0;
     if (drawn < 0 && !r->failure.text[0])
         apc_fail(&r->failure, APC_ESTATE, "the record cannot be read: %.400s", why.text);
     if (rc >= 0 && drained < 0) {
