@@ -329,10 +329,10 @@ static double unexplained_input(const struct apc_record *r, size_t j, bool with_
     return R[width * width - 1];
 }
 
-/* The same at the samples where the input changes, of a controller that ticks less often than it is sampled;
- * each with what was measured there and a sample before. Returns the rows there are. */
-static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R,
-                              double *left)
+/* The same at each @p every of the samples where the input changes, from change @p of on, of a controller that ticks
+ * less often than it is sampled; each with what was measured there and a sample before. Returns the rows there are. */
+static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y, size_t every, size_t of,
+                              double *Q, double *R, double *left)
 {
     const size_t inputs = r->nu + r->nd, ny = r->ny, numbers = ny * 2 * (FEEDBACK_LAGS + 1),
                  past = FEEDBACK_LAGS + (with_y ? 0 : numbers), width = change_width(r), rows = r->n;
@@ -351,13 +351,13 @@ static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y,
             if (!(fabs(u[k * inputs] - u[(k - 1) * inputs]) > 0.0))
                 continue;
             at[n++] = k;
-            if (n <= first)
+            if (n <= every * first || n % every != of)
                 continue;
             Q[g * rows + filled] = 1.0;
             for (size_t i = 1; i <= past; i++)
-                Q[c++ * rows + filled] = u[at[n - 1 - i] * inputs];
+                Q[c++ * rows + filled] = u[at[n - 1 - every * i] * inputs];
             for (size_t i = 0; i < numbers; i++) {
-                const double y = r->y[(at[n - 1 - i / 2 / ny] - i / ny % 2) * ny + i % ny];
+                const double y = r->y[(at[n - 1 - every * (i / 2 / ny)] - i / ny % 2) * ny + i % ny];
 
                 there &= isfinite(y) != 0;
                 if (with_y)
@@ -374,18 +374,26 @@ static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y,
     return filled;
 }
 
+/* An input that moves between two samples changes twice at each tick: by its share, then by the rest. */
+static bool is_feedback_at_changes(const struct apc_record *r, size_t j, size_t every, size_t of, double *Q)
+{
+    const size_t width = change_width(r);
+    double alone, with_y;
+
+    if (left_at_changes(r, j, false, every, of, Q, Q + width * r->n, &alone) < 3 * width)
+        return false;
+    left_at_changes(r, j, true, every, of, Q, Q + width * r->n, &with_y);
+    return alone > 0.0 && with_y < 0.01 * alone;
+}
+
 static bool is_feedback(const struct apc_record *r, size_t j, double *Q)
 {
-    const size_t width = feedback_width(r), seldom = change_width(r);
-    double alone = unexplained_input(r, j, false, Q, Q + width * r->n), with_y, at_alone, at_with_y;
+    const size_t width = feedback_width(r);
+    const double alone = unexplained_input(r, j, false, Q, Q + width * r->n),
+                 with_y = unexplained_input(r, j, true, Q, Q + width * r->n);
 
-    with_y = unexplained_input(r, j, true, Q, Q + width * r->n);
-    if (alone > 0.0 && with_y < 0.01 * alone)
-        return true;
-    if (left_at_changes(r, j, false, Q, Q + seldom * r->n, &at_alone) < 3 * seldom)
-        return false;
-    left_at_changes(r, j, true, Q, Q + seldom * r->n, &at_with_y);
-    return at_alone > 0.0 && at_with_y < 0.01 * at_alone;
+    return (alone > 0.0 && with_y < 0.01 * alone) || is_feedback_at_changes(r, j, 1, 0, Q) ||
+           is_feedback_at_changes(r, j, 2, 0, Q) || is_feedback_at_changes(r, j, 2, 1, Q);
 }
 
 static int check_feedback(const struct apc_record *r, struct apc_error *why)

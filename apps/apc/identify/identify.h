@@ -20,6 +20,7 @@ struct identify_selection {
     double period;                        /* s; 0: that of the first output */
     double from, to;                      /* s, of files; to 0: all */
     apc_ns since, until;                  /* UTC, of stores; 0: all */
+    bool exchanged;                       /* inputs as the plant got them, not as they were written */
 };
 
 struct identify_data {

@@ -125,23 +125,50 @@ static void lay(const struct series *s, const struct identify_data *d, size_t st
     }
 }
 
-/* What was in force when @p measured was, whose own time may not be quite that of the grid: of a row that
- * came late all came late. */
+/* When sample @p k was measured, which may not be quite the time of the grid: of a row that came late all came late. */
+static double measured_at(const struct series *measured, const struct identify_data *d, size_t k,
+                          size_t *near)
+{
+    const double t = d->begin + (double)k * d->record.Ts;
+
+    return nearest(measured, t, d->record.Ts, near) ? measured->t[*near] : t;
+}
+
+/* When row @p i of an input counts: at its own time or, where what the plant got is asked for, when the next measurement
+ * was taken, since both go in one exchange. */
+static double moved_at(const struct series *s, size_t i, const struct series *measured, bool exchanged,
+                       size_t *next)
+{
+    while (exchanged && *next + 1 < measured->n && measured->t[*next] < s->t[i])
+        ++*next;
+    return exchanged ? fmax(s->t[i], measured->t[*next]) : s->t[i];
+}
+
+/* The mean of what was in force from each measurement until the next one. An input that moved in between has its share
+ * of both values; taken as it was at the measurements, it would seem to move up to a period later, and a model's dead
+ * time would lack that. */
 static void hold(const struct series *s, const struct series *measured, const struct identify_data *d,
-                 size_t stride, double *to)
+                 bool exchanged, size_t stride, double *to)
 {
     const double same = 1e-3 * d->record.Ts;
     double held = (double)NAN;
-    size_t i = 0, m = 0;
+    size_t i = 0, near = 0, next = 0;
+    double end = measured_at(measured, d, 0, &near);
 
     for (size_t k = 0; k < d->record.n; k++) {
-        double t = d->begin + (double)k * d->record.Ts;
+        double since = end, sum = 0.0, at;
 
-        if (nearest(measured, t, d->record.Ts, &m))
-            t = measured->t[m];
-        for (; i < s->n && s->t[i] <= t + same; i++)
+        end = measured_at(measured, d, k + 1, &near);
+        const double length = end - since;
+        for (; i < s->n && moved_at(s, i, measured, exchanged, &next) <= since + same; i++)
             held = isfinite(s->value[i]) ? s->value[i] : held;
         to[k * stride] = held;
+        for (; i < s->n && (at = moved_at(s, i, measured, exchanged, &next)) < end - same; i++) {
+            sum += held * (at - since);
+            since = at;
+            held = isfinite(s->value[i]) ? s->value[i] : held;
+            to[k * stride] = (sum + held * (end - since)) / length;
+        }
     }
 }
 
@@ -215,7 +242,7 @@ static int sample(struct reading *r, struct identify_data *d)
     d->record.u = u;
     d->record.y = y = u + d->record.n * r->inputs;
     for (size_t i = 0; i < r->inputs; i++)
-        hold(&r->input[i], first, d, r->inputs, u + i);
+        hold(&r->input[i], first, d, r->selection->exchanged, r->inputs, u + i);
     for (size_t i = 0; i < r->outputs; i++)
         lay(&r->output[i], d, r->outputs, y + i);
     cut_beginning(d, r->inputs);

@@ -26,19 +26,21 @@ static void add_crossing(struct chain *c, bool goes_on, size_t k)
     c->n = goes_on ? c->n + 1 : 1;
 }
 
-/* The longest chain, the last of those that are as long. */
+/* The longest chain, the last of those that are as long. A sample between those beside it is no level: the input
+ * switched in it. */
 static struct chain find_chain(const struct apc_record *r, const double *u, size_t stride)
 {
     struct chain best = {.n = 0}, now = {.n = 0};
-    double before = (double)NAN;
+    double before = (double)NAN, was = u[0];
 
     for (size_t k = 1; k < r->n; k++) {
-        const double was = u[(k - 1) * stride], is = u[k * stride];
+        const double is = u[k * stride], next = k + 1 < r->n ? u[(k + 1) * stride] : is;
 
-        if (is_same_level(was, is))
+        if (is_same_level(was, is) || (was < is && is < next) || (was > is && is > next))
             continue;
         add_crossing(&now, is_same_level(is, before), k);
         before = was;
+        was = is;
         best = now.n >= best.n ? now : best;
     }
     return best;

@@ -32,7 +32,7 @@ for signal in prbs steps multisine; do
   read -r gain tau dead <"$work/numbers" || fail "$signal cannot be identified"
   near "$signal: gain" "$gain" 10 0.1
   near "$signal: time constant" "$tau" 10 0.3
-  near "$signal: dead time" "$dead" 5.1 0.25
+  near "$signal: dead time, and the way to the plant" "$dead" 5.57 0.1
   awk -F, 'NR > 1 && $2 == "actuator" { n[$5 + 0]++ } END { for (v in n) levels++; exit !('"$([ $signal = multisine ] && echo 'levels > 100' || echo 'levels <= 5')"') }' \
     "$work/$signal/samples.csv" || fail "$signal: other levels than its own"
 done
