@@ -7,6 +7,9 @@ set(APC_CMAKE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/apc)
 install(TARGETS apc EXPORT apcTargets)
 install(TARGETS apc_static EXPORT apcStaticTargets)
 install(TARGETS ${APC_PROGRAMS} apc_cli)
+if(TARGET apc-fmu-controller) # as it is: it finds what goes with it beside itself, in an FMU
+  install(FILES $<TARGET_FILE:apc-fmu-controller> DESTINATION ${CMAKE_INSTALL_LIBDIR}/apc)
+endif()
 if(NOT APC_POSTGRESQL) # it includes libpq's
   set(APC_LEFT_OUT PATTERN apcshareddata.h EXCLUDE)
 endif()

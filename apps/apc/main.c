@@ -47,6 +47,7 @@ static const struct {
     {"optimize", command_optimize, "search better tuning and settings of an experiment", NULL},
     {"plants", command_plants, "list the plants: parameters, states, inputs, outputs", "Set up and maintain"},
     {"laws", command_laws, "list the control laws: tuning parameters and settings", NULL},
+    {"export", command_export, "make an FMU of a controller, for other tools", NULL},
     {"init", command_init, "make or update the tables, and describe an experiment in them", NULL},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store", NULL},
     {"restore", command_restore, "put a backup back into a record that is a file", NULL},

@@ -85,6 +85,8 @@ struct plugin {
 
 /* Is a model of that name an FMU, or in Python: a file that runs by itself? */
 bool is_fmu(const char *name);
+/* Is a law or a model the user's own: a plug-in, or one that runs by itself? */
+bool is_of_user(const char *name);
 
 /* A signal of the experiment, by its place among those of its table. */
 struct wire {
@@ -444,6 +446,43 @@ apc_ns module_patience(const struct experiment *e);
 void notice_event(const struct apc_notice *notice, struct apc_event *event);
 /* The same of a measurement that came to lie beyond its range, or within it again. */
 void notice_range(const struct apc_tag *y, bool outside, double value, struct apc_event *event);
+
+/* ---- A controller by itself ------------------------------------------------------------------ */
+
+/* Without store and processes: whoever has its measurements asks it, as an FMU's importer does. */
+struct standalone;
+
+enum standalone_kind {
+    STANDALONE_INPUT = 1, /* measurements, those of disturbances, setpoints */
+    STANDALONE_OUTPUT,
+    STANDALONE_PARAMETER, /* tuning, the output in Man */
+    STANDALONE_MODE       /* target mode, a whole number */
+};
+
+struct standalone_variable {
+    enum standalone_kind kind;
+    struct apc_tag tag;
+    double start, value;
+    bool changed; /* since the last tick */
+};
+
+typedef void standalone_tell_fn(void *ctx, const struct apc_notice *notice);
+
+/* The controller @p name, NULL: the only one, and can it be by itself? Returns 0 or a negative error. */
+int standalone_find(const struct experiment *e, const char *name, const struct controller **found,
+                    struct apc_error *why);
+/* Of the experiment file @p from. Returns 0 or a negative error. */
+int standalone_create(struct standalone **standalone, const struct experiment_source *from, const char *name,
+                      struct apc_error *why);
+void standalone_destroy(struct standalone *s); /* NULL is legal */
+const struct experiment *standalone_experiment(const struct standalone *s);
+const struct controller *standalone_controller(const struct standalone *s);
+/* [*n]; they live as long as @p s. */
+const struct standalone_variable *standalone_variables(const struct standalone *s, size_t *n);
+/* A measurement that is no number is Bad. */
+void standalone_set(struct standalone *s, size_t i, double value);
+/* The next tick, a period after the one before; outputs are those that the law makes of the inputs now. */
+void standalone_tick(struct standalone *s, standalone_tell_fn *tell, void *ctx);
 
 /* ---- What an operator does ------------------------------------------------------------------ */
 

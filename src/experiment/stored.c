@@ -16,7 +16,7 @@ int experiment_text(struct apc_store *store, char **text, int64_t *revision, str
                       : length;
 }
 
-static bool is_of_user(const char *plugin)
+bool is_of_user(const char *plugin)
 {
     return strchr(plugin, '/') || is_fmu(plugin);
 }

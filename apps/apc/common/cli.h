@@ -134,6 +134,7 @@ int cli_variables(const struct cli *cli, const struct cli_tags *tags, const enum
                   struct apc_sample **samples);
 
 int command_init(int argc, char **argv);
+int command_export(int argc, char **argv);
 int command_run(int argc, char **argv);
 int command_simulate(int argc, char **argv);
 int command_speed(int argc, char **argv);

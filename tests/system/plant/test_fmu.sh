@@ -67,6 +67,42 @@ done
 expect 0 'K +10 +K of the tank' "$apc" plants "$work/two.fmu"
 expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu" --csv
 
+# ---- a controller as an FMU: what we export we import; what runs it beside a run is unit_fmu_controller and system_fmu_peers
+# Promise(links/fmu-exported): A controller is exported as an FMU that describes its signals with units and limits, needs
+#   nothing of the build, and is the same file each time; what cannot be exported is refused.
+unset TZ
+tanks=$APC_SOURCE_DIR/experiments/quadruple-tank-mpc.conf
+for version in 2 3; do
+  expect 0 "exported$version.fmu made: controller controller, one step is 0.5 s" \
+    "$apc" export fmu "$tanks" --fmi $version -o "$work/exported$version.fmu"
+  "$apc" export fmu "$tanks" --fmi $version -o "$work/again.fmu" >/dev/null
+  cmp "$work/exported$version.fmu" "$work/again.fmu" || fail "FMI $version: not the same file twice"
+  expect 0 '^quadruple-tank-mpc,input,y1,"V",0,,,"level of tank 1, measured"$' "$apc" plants "$work/exported$version.fmu" --csv
+  expect 0 '^quadruple-tank-mpc,output,v2,"V",,' "$apc" plants "$work/exported$version.fmu" --csv
+done
+(cd "$work" && expect 0 'double-tank-override-smooth.fmu made' \
+  "$apc" export fmu "$APC_SOURCE_DIR/experiments/double-tank-override.conf" --controller smooth)
+[ -f "$work/double-tank-override-smooth.fmu" ] || fail "not where it is said to be"
+refused() { # PATTERN ARGUMENT...: and nothing is written
+  expect 1 "$1" "$apc" export fmu -o "$work/none.fmu" "${@:2}"
+  [ ! -e "$work/none.fmu" ] || fail "a file of what is refused: $1"
+}
+two=$APC_SOURCE_DIR/experiments/two-layers.conf
+refused 'there are [0-9]+ controllers: name one' "$two"
+refused 'there is no controller "nobody"' "$two" --controller nobody
+refused 'its output [a-z0-9]+ is a setpoint of a controller below' "$two" --controller upper
+sed 's|law = "pi"|law = "./mine.py"|' "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/mine.conf"
+printf 'import libapc\n' >"$work/mine.py"
+refused 'mine.py' "$work/mine.conf"
+refused 'no.conf' "$work/no.conf"
+expect 2 'must be fmu' "$apc" export zip "$tanks"
+expect 2 'must be 2 or 3' "$apc" export fmu "$tanks" --fmi 1
+expect 1 "$work/no/x.fmu cannot be written" "$apc" export fmu "$tanks" -o "$work/no/x.fmu"
+expect 1 'it is there, and no plain file' "$apc" export fmu "$tanks" -o "$work"
+cp "$work/exported3.fmu" "$work/kept.fmu"
+(ulimit -f 100; trap '' XFSZ; expect 1 'kept.fmu cannot be written' "$apc" export fmu "$tanks" -o "$work/kept.fmu")
+cmp "$work/exported3.fmu" "$work/kept.fmu" || fail "a disk that is full takes the former file along"
+
 # ---- its linear model: that of the tank that is built in, where it shows its state and the derivative; else what to do instead
 # Promise(links/fmu-shows-states): An FMU that shows its states has the linear model and the margins of the same
 #   plant built in; what it only pretends to show is refused.

@@ -56,6 +56,19 @@ experiment heater "$y, { name = \"switched\"; }" "$r 45.0; }" '{ name = "on"; lo
 experiment reactor "$y" "$r 340.0; }" '{ name = "u"; low = 250.0; high = 350.0; initial = 300.0; safe = 300.0; }' '' "$(pi y r u 2.0 20.0 300.0)"
 expect 1 'name the interpreter.s library in APC_FMU_PRELOAD' env -u APC_FMU_PRELOAD "$apc" simulate "$work/tank.conf"
 export APC_FMU_PRELOAD=$interpreter
+
+# Promise(links/fmu-controller-fmpy): A controller that is exported is valid by fmpy's check, and gives there what it gives in
+#   `apc simulate`, bit for bit, by FMI 2 and 3.
+exported() { # EXPERIMENT INPUTS OUTPUTS MODES
+  "$apc" simulate "$APC_SOURCE_DIR/experiments/$1.conf" --csv "$work/$1.csv" >/dev/null
+  for version in 2 3; do
+    "$apc" export fmu "$APC_SOURCE_DIR/experiments/$1.conf" --fmi $version -o "$work/$1.fmu" >/dev/null
+    PYTHONPATH=$peers python3 "$APC_SOURCE_DIR/tests/peers/fmu_controller.py" "$work/$1.csv" "$work/$1.fmu" "${@:2}" ||
+      fail "$1: FMI $version: not what it gives in a run"
+  done
+}
+exported first-order 'sensor.1=y setpoint.1=r' actuator.1=u
+exported quadruple-tank-mpc 'sensor.1=y1 sensor.2=y2' 'actuator.1=v1 actuator.2=v2' follow.schedule=1
 same tank u y tau=7.0 d@50.1=5.0
 same swing u y w=0.3
 same quadruple 'u1 u2' 'y1 y2'

@@ -98,6 +98,18 @@ static int make_tags(void)
     return made ? 0 : APC_ENOMEM;
 }
 
+static int take_controller_alone(void)
+{
+    const struct controller *c = e.controllers;
+    struct standalone *alone;
+    const struct experiment_source from = {.file = "alone.conf", .text = e.text};
+    while (c->u[0].table == APC_SETPOINT)
+        c++;
+    int rc = standalone_create(&alone, &from, c->name, &why);
+    standalone_destroy(alone);
+    return rc;
+}
+
 static int provide(void)
 {
     struct apc_store *store = NULL;
@@ -310,11 +322,13 @@ static void what_is_made_of_a_run_is_whole_or_not_there(void **state)
     static const struct {
         const char *what;
         int (*step)(void);
-    } steps[] = {{"tags", make_tags},        {"provision", provide},   {"samples", collect},
-                 {"course", follow},         {"figures", judge},       {"merits", value_kpis},
-                 {"prediction", look_ahead}, {"ticks", read_ticks},    {"loops", read_loops},
-                 {"health", judge_health},   {"alarms", read_journal}, {"text", rewrite},
-                 {"linear", linearise}};
+    } steps[] = {{"tags", make_tags},        {"provision", provide},
+                 {"samples", collect},       {"course", follow},
+                 {"figures", judge},         {"merits", value_kpis},
+                 {"prediction", look_ahead}, {"ticks", read_ticks},
+                 {"loops", read_loops},      {"health", judge_health},
+                 {"alarms", read_journal},   {"text", rewrite},
+                 {"linear", linearise},      {"alone", take_controller_alone}};
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         char path[300];
