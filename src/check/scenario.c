@@ -554,6 +554,11 @@ static void read_scenario(struct scenario_reading *r, const config_setting_t *ro
                                         "clock",      "faults", "runs",   "seed",     "disturbances",
                                         "actions",    "share",  "expect", NULL};
     struct scenario *of = r->of;
+    if (config_setting_get_member(root, "measurements"))
+        settings_fail(
+            &r->s, config_setting_get_member(root, "measurements"),
+            "this is an experiment file, not a scenario: apc simulate runs it; a scenario names it by "
+            "experiment = \"FILE\"");
     settings_known(&r->s, root, known);
     read_scenario_experiment(r, root);
     if (r->s.failed)

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include <apctune.h>
 
@@ -85,8 +86,14 @@ static int find_loop_models(struct suggesting *z, struct apc_error *why)
     struct identify_selection selection = {.from = -HUGE_VAL};
     int rc;
 
+    struct stat is;
+
     if (z->o->model)
         return suggest_read_model(z->o, z->model, why);
+    if (stat(z->o->run, &is) == 0 && S_ISREG(is.st_mode))
+        return apc_fail(why, APC_EINVAL,
+                        "%s is a file: name the folder of a run or of apc test, or --model FILE as well",
+                        z->o->run);
     rc = identify_read(&z->data, z->o->run, &selection, why);
     if (rc < 0) { /* samples of a real plant come late */
         identify_data_free(&z->data);

@@ -193,9 +193,9 @@ static int show_modes(const struct cli *cli, struct apc_store *store, const stru
 
 /* ---- Changing ----------------------------------------------------------------------------- */
 
-/* All have that target already: that they are not in it is no success. */
+/* All have that target already: that they are not in it, or that nobody ticks, is no success. */
 static int already(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
-                   const struct chosen *c, const struct apc_sample *mode)
+                   const struct chosen *c, const struct apc_sample *mode, struct operation *o)
 {
     const char *word = mode_word(&mode[0]);
     char why[REASON_LEN];
@@ -207,6 +207,9 @@ static int already(const struct cli *cli, struct apc_store *store, const struct 
         return cli_error(cli, APC_EPERM, "the target is %s already, but %s is in %s: %s", word,
                          c->loop[i]->name, mode_word(actual), reason ? reason : "see apc status");
     }
+    const int rc = cli->no_wait ? EXIT_OK : operate_ready(cli, store, o);
+    if (rc != EXIT_OK)
+        return rc;
     printf("%s%s: %s already\n", c->group[0] ? c->group : c->loop[0]->name, c->group[0] ? "" : " mode", word);
     return EXIT_OK;
 }
@@ -239,7 +242,7 @@ static int change_modes(const struct cli *cli, struct apc_store *store, const st
     for (size_t i = 0; mode && i < c->n; i++)
         same &= mode[i].seq > 0 && mode[i].value == (double)wanted;
     if (mode)
-        rc = same ? already(cli, store, plant, c, mode) : operate(cli, store, &o);
+        rc = same ? already(cli, store, plant, c, mode, &o) : operate(cli, store, &o);
     free(changes);
     free(mode);
     return rc;

@@ -132,7 +132,7 @@ int operate_still(struct apc_store *store, struct apc_error *why)
     return rc > 0 ? clock.asked == 0 && clock.steps == 0 : rc;
 }
 
-static int await_ready(const struct cli *cli, struct apc_store *store, struct operation *o)
+int operate_ready(const struct cli *cli, struct apc_store *store, struct operation *o)
 {
     struct change_fault why;
     struct apc_error ended;
@@ -206,7 +206,7 @@ static int carry_out(const struct cli *cli, struct apc_store *store, struct oper
 {
     struct change_fault why;
     char text[APC_TAG_LEN + 32];
-    int rc = cli->no_wait ? EXIT_OK : await_ready(cli, store, o);
+    int rc = cli->no_wait ? EXIT_OK : operate_ready(cli, store, o);
     if (rc != EXIT_OK)
         return rc;
     if (operation_begin(o, store, &why) < 0)

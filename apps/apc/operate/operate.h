@@ -25,6 +25,9 @@ int operate_find_any(const struct cli *cli, const struct plant_view *plant, cons
                      struct change *change);
 /* The entries of that time as an HTML page. Returns 0 or the store's error. */
 int log_html(struct apc_store *store, const char *plant, const struct apc_range *range, FILE *out);
+/* Wait until each controller of it ticks, or one is known not to; as long as the simulation is paused it is not waited
+ * for. Returns an exit code, its reason told. */
+int operate_ready(const struct cli *cli, struct apc_store *store, struct operation *o);
 /* Of a plant whose time stands still nothing can be awaited: 1, it is paused; negative: nobody simulates it. */
 int operate_still(struct apc_store *store, struct apc_error *why);
 #define OPERATE_PAUSED " (written: the simulation is paused, its next tick applies it)"

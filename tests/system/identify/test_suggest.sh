@@ -53,6 +53,7 @@ near "tau_d of an integrator with a lag" "$tau_d" 9.13 0.001
 sed 's/"u"/"v"/' "$work/by-hand.model" >"$work/other.model"
 expect 1 'u to y is not in .*other.model' "$apc" tune --suggest "$work/fast.conf" --model "$work/other.model"
 echo 'state_space = { A = ([1.0]); B = ([1.0]); C = ([1.0]); };' >"$work/space.model"
+expect 1 'fast.conf is a file: name the folder of a run' "$apc" tune --suggest "$work/fast.conf"
 expect 1 'space.model has no "transfer"' "$apc" tune --suggest "$work/fast.conf" --model "$work/space.model"
 echo 'transfer = ( { from = "u"; } );' >"$work/half.model"
 expect 1 'half.model:1: expected a group: { from' "$apc" tune --suggest "$work/fast.conf" --model "$work/half.model"

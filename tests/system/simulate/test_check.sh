@@ -55,6 +55,7 @@ if command -v gnuplot >/dev/null; then
     [ -s failed/left-1/failed-$n.png ] && [ -s failed/left-1/failed-$n.svg ] || fail "there is no figure $n"
   done
 fi
+expect 2 ':[0-9]*: this is an experiment file, not a scenario' "$apc" check "$APC_SOURCE_DIR/experiments/first-order.conf"
 expect 2 '^apc check: failed is not empty: give a folder of its own' "$apc" check $scenarios/left.scenario --report failed
 "$apc" check $scenarios/left.scenario --report failed --force >again.txt && fail "it held"
 diff <(grep left report.txt) <(grep left again.txt) || fail "something else with --force"
