@@ -118,7 +118,8 @@ BEGIN
 END
 $$;
 
--- Table opmode: who operates writes targets of loops that there are, and switches; an alarm is taken out of service (kind 5)
+-- Table opmode: who operates writes targets of loops that there are, switches, and from kind 10 on what waits for a second
+-- person; an alarm is taken out of service (kind 5)
 -- by an engineer.
 ALTER TABLE opmode ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS all_read ON opmode;
@@ -126,7 +127,7 @@ DROP POLICY IF EXISTS operator_target ON opmode;
 DROP POLICY IF EXISTS engineer_target ON opmode;
 CREATE POLICY all_read ON opmode FOR SELECT USING (true); -- who is granted SELECT
 CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator
-    WITH CHECK (id = 0 OR id BETWEEN 65536 AND 5 * 65536 - 1 OR id IN (SELECT loops()));
+    WITH CHECK (id = 0 OR id BETWEEN 65536 AND 5 * 65536 - 1 OR id >= 10 * 65536 OR id IN (SELECT loops()));
 CREATE POLICY engineer_target ON opmode FOR INSERT TO apc_engineer, apc_historian
     WITH CHECK (id = 0 OR id > 65535 OR id IN (SELECT loops()));
 $text$, 'apc_', prefix || '_');

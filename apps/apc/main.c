@@ -23,6 +23,7 @@ static const struct {
     {"get", command_get, "newest values", NULL},
     {"set", command_set, "write a setpoint, or an output in mode Man", NULL},
     {"undo", command_undo, "take back your last write, within a minute", NULL},
+    {"approve", command_approve, "list and approve what waits for a second person", NULL},
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS",
      NULL},
     {"speed", command_speed, "how fast `apc run --speed` simulates", NULL},

@@ -173,3 +173,15 @@ def test_an_experiment_in_a_store_of_its_own(tmp_path):
         e.provision(store)
         assert store.tag("u").high == 10 and "first-order" in store.catalogue()
         assert store.read("y").status.bad and str(store.read("y").status) == "BadNoData"
+
+
+# Promise(modes/two-persons)
+def test_what_takes_two_persons_is_asked_for_alone(tmp_path):
+    with apc.Store(f"sqlite:{tmp_path}/x.db") as store:
+        store.init()
+        apc.Experiment("here.conf", TEXT.replace('name = "r";', 'name = "r"; second_person = 300.0;')).provision(store)
+        with pytest.raises(apc.RefusedError, match="r: 10 -> 12 waits 300 s for a second person"):
+            store.write("r", 12, author="Ann", wait=False)
+        with pytest.raises(apc.RefusedError, match="r waits for a second person: Ann has asked for 12"):
+            store.write("r", 13, author="Otto", wait=False)
+        assert store.read("r").value == 10

@@ -438,7 +438,7 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
 
 #define CONTROLLER                                                                                           \
     "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "shed_after", "standby", "backup",      \
-        "rate", "settings", "model", "operating_point", "limits", "alarms", RHYTHM
+        "rate", "settings", "model", "operating_point", "limits", "alarms", "second_person", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {CONTROLLER,  "name",    "shadow",       "measurements",
@@ -566,6 +566,7 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
     settings_whole(s, group, "shed_after", OPTIONAL, 1, 1000000, &shed_after);
     c->shed_after = (unsigned)shed_after;
     settings_flag(s, group, "standby", &c->standby);
+    settings_number(s, group, "second_person", OPTIONAL, 1, 86400, &c->second);
     if (resolve_law)
         read_law(s, group, c, (size_t)(c - e->controllers), override, record);
     read_backup(s, group, c, resolve_law);

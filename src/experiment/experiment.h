@@ -66,6 +66,7 @@ struct signal {
     double initial;             /* theirs, and a setpoint's; NAN: it has none */
     double soft_low, soft_high; /* of measurements and calculated signals; -+HUGE_VAL: none */
     double confirm;             /* greatest step of a write that needs no confirmation; 0: any */
+    double second;              /* s that a write waits for a second person; 0: it needs none */
     double rate;                /* greatest change in 1 s, of what a controller puts out; 0: any */
     apc_ns period;              /* of a measurement that comes seldom; 0: the client's */
     bool critical;              /* a law that is whole cannot do without it */
@@ -135,6 +136,7 @@ struct controller {
     struct apc_law_plant plant;
     enum apc_mode mode; /* at first; Cas: of the loops that have one above */
     apc_ns hold, budget;
+    double second;       /* s that a write of modes and tuning waits for a second person; 0: it needs none */
     unsigned shed_after; /* 0: as many ticks as hold has */
     bool standby;        /* `apc run` starts two, of which one acts */
     double *rate;        /* [dim.nu] units a second; 0: as fast as it likes */

@@ -14,8 +14,8 @@ enum kind { MEASUREMENT, CALCULATED, SETPOINT, OUTPUT };
 static const char *const known[][16] = {
     [MEASUREMENT] = {COMMON, "soft", "critical", "period", "noise", "quantum", "faults", NULL},
     [CALCULATED] = {COMMON, "soft", "critical", "rate", NULL},
-    [SETPOINT] = {COMMON, "initial", "rate", "confirm", NULL},
-    [OUTPUT] = {COMMON, "safe", "fault", "initial", "rate", "confirm", "faults", NULL}};
+    [SETPOINT] = {COMMON, "initial", "rate", "confirm", "second_person", NULL},
+    [OUTPUT] = {COMMON, "safe", "fault", "initial", "rate", "confirm", "second_person", "faults", NULL}};
 
 /* ---- A signal ------------------------------------------------------------------------------ */
 
@@ -90,8 +90,10 @@ static void read_experiment_signal(struct settings *s, const config_setting_t *g
     settings_flag(s, group, "critical", &signal->critical);
     if (kind == MEASUREMENT)
         settings_period(s, group, "period", OPTIONAL, &signal->period);
-    if (kind == SETPOINT || kind == OUTPUT)
+    if (kind == SETPOINT || kind == OUTPUT) {
         settings_number(s, group, "confirm", OPTIONAL, 1e-9, APC_VALUE_MAX, &signal->confirm);
+        settings_number(s, group, "second_person", OPTIONAL, 1, 86400, &signal->second);
+    }
     if (kind == SETPOINT)
         settings_number(s, group, "initial", OPTIONAL, tag->low, tag->high, &signal->initial);
     if (kind != OUTPUT)

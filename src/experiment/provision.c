@@ -209,18 +209,29 @@ static int add_controllers(struct tags *t)
     return 0;
 }
 
-/* Those that have to be confirmed. */
-static void add_steps(struct tags *t, const struct signal *signal, size_t n)
+static void add_limit(struct tags *t, int id, const char *of, const char *what, const char *description,
+                      double limit)
 {
     char name[APC_TAG_LEN];
+    if (!(limit > 0))
+        return;
+    join_names(of, what, name);
+    add_tag(t, plain_tag(APC_DIM, id, name, description, limit, limit));
+}
+
+static void add_second(struct tags *t, int id, const char *of, double second)
+{
+    add_limit(t, id, of, "second_person", "s that a write waits for a second person", second);
+}
+
+/* Those that have to be confirmed, or take a second person. */
+static void add_limits(struct tags *t, const struct signal *signal, size_t n)
+{
     for (size_t i = 0; i < n; i++) {
         const struct apc_tag *of = &signal[i].tag;
-        if (!(signal[i].confirm > 0))
-            continue;
-        join_names(of->name, "confirm", name);
-        add_tag(t, plain_tag(APC_DIM, LOOPS_STEP(of->table, of->id), name,
-                             "step above which a write has to be confirmed", signal[i].confirm,
-                             signal[i].confirm));
+        add_limit(t, LOOPS_STEP(of->table, of->id), of->name, "confirm",
+                  "step above which a write has to be confirmed", signal[i].confirm);
+        add_second(t, LOOPS_SECOND(of->table, of->id), of->name, signal[i].second);
     }
 }
 
@@ -281,8 +292,9 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published_tags(e) + 5 * controllers_loops(e) + dim->nz + dim->nu +
-                                      2 * e->scheduler.n + e->n_alarms + 6,
+                                      count_published_tags(e) + 5 * controllers_loops(e) +
+                                      2 * (dim->nz + dim->nu) + e->n_controllers + 2 * e->scheduler.n +
+                                      e->n_alarms + 6,
                                   sizeof *t.at)};
     if (!t.at)
         return NULL;
@@ -304,8 +316,11 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
         return NULL;
     }
     add_owners(&t);
-    add_steps(&t, e->z, dim->nz);
-    add_steps(&t, e->u, dim->nu);
+    add_limits(&t, e->z, dim->nz);
+    add_limits(&t, e->u, dim->nu);
+    for (size_t i = 0; i < e->n_controllers; i++)
+        add_second(&t, LOOPS_SECOND(APC_TICK, e->controllers[i].number), e->controllers[i].name,
+                   e->controllers[i].second);
     add_alarms(&t);
     add_tag(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
     add_tag(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
@@ -464,21 +479,30 @@ static int put_renamed(struct apc_store *store, const struct description *d, con
     return rc;
 }
 
-static struct apc_sample *add_step_rows(struct apc_sample *next, const struct signal *signal, size_t n)
+static struct apc_sample *add_limit_row(struct apc_sample *next, int id, double limit)
 {
-    for (size_t i = 0; i < n; i++)
-        if (signal[i].confirm > 0)
-            *next++ = (struct apc_sample){.table = APC_DIM,
-                                          .id = LOOPS_STEP(signal[i].tag.table, signal[i].tag.id),
-                                          .value = signal[i].confirm};
+    *next = (struct apc_sample){.table = APC_DIM, .id = id, .value = limit};
+    return next + (limit > 0);
+}
+
+static struct apc_sample *add_limit_rows(struct apc_sample *next, const struct signal *signal, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_tag *of = &signal[i].tag;
+        next = add_limit_row(next, LOOPS_STEP(of->table, of->id), signal[i].confirm);
+        next = add_limit_row(next, LOOPS_SECOND(of->table, of->id), signal[i].second);
+    }
     return next;
 }
 
-/* Of table dim: how many there are of each, what the laws say that each loop controls, and great steps. */
+/* Of table dim: how many there are of each, what the laws say that each loop controls, great steps, and how long
+ * a second person is waited for. */
 static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
     const size_t loops = controllers_loops(e), n = 3 + 2 * loops;
-    struct apc_sample *wanted = calloc(n + e->dim.nz + e->dim.nu, sizeof *wanted), *next = wanted;
+    struct apc_sample *wanted =
+                          calloc(n + 2 * (e->dim.nz + e->dim.nu) + e->n_controllers + 1, sizeof *wanted),
+                      *next = wanted;
     if (!wanted)
         return APC_ENOMEM;
     for (size_t i = 0; i < n; i++)
@@ -494,7 +518,10 @@ static int put_dimensions(struct apc_store *store, const struct experiment *e, a
             next++->value = z ? (double)c->z[z - 1].at + 1 : 0;
         }
     }
-    next = add_step_rows(add_step_rows(next, e->z, e->dim.nz), e->u, e->dim.nu);
+    next = add_limit_rows(add_limit_rows(next, e->z, e->dim.nz), e->u, e->dim.nu);
+    for (size_t i = 0; i < e->n_controllers; i++)
+        next =
+            add_limit_row(next, LOOPS_SECOND(APC_TICK, e->controllers[i].number), e->controllers[i].second);
     for (struct apc_sample *row = wanted; row < next; row++)
         row->time = now;
     const int rc = put_initial_values(store, wanted, (size_t)(next - wanted), PROVISION_RESET);

@@ -83,6 +83,20 @@ void known_free(struct known_plant *p)
     *p = (struct known_plant){0};
 }
 
+bool change_is_of(const struct apc_tag *tag)
+{
+    return tag->table == APC_SETPOINT || tag->table == APC_TUNING || tag->table == APC_MANUAL ||
+           (tag->table == APC_OPMODE && tag->id > 0 && (tag->id < LOOPS_IDS || loops_is_owner_id(tag->id)));
+}
+
+/* Of a mode and tuning that of the controller. */
+static double second_of_tag(const struct plant_view *p, const struct apc_tag *tag)
+{
+    const bool is_of_all = tag->table == APC_TUNING || (tag->table == APC_OPMODE && tag->id < LOOPS_IDS);
+    const struct loops_controller *by = is_of_all ? loops_controller(p->loops, tag->controller) : NULL;
+    return by ? loops_second(p->loops, APC_TICK, by->number) : loops_second(p->loops, tag->table, tag->id);
+}
+
 int change_at(const struct plant_view *p, enum apc_table table, int id, struct change_target *to,
               struct change_fault *why)
 {
@@ -97,6 +111,7 @@ int change_at(const struct plant_view *p, enum apc_table table, int id, struct c
     to->low = output ? output->low : tag->low;
     to->high = output ? output->high : tag->high;
     to->step = output ? loops_step(p->loops, output->table, output->id) : loops_step(p->loops, table, id);
+    to->second = second_of_tag(p, output ? output : tag);
     return 0;
 }
 

@@ -67,6 +67,14 @@ double loops_step(const struct loops *l, enum apc_table table, int id)
     return 0;
 }
 
+double loops_second(const struct loops *l, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < l->n_steps; i++)
+        if (l->step[i].id == LOOPS_SECOND(table, id))
+            return l->step[i].most;
+    return 0;
+}
+
 bool loops_is_owner_id(int id)
 {
     return id >= LOOPS_IDS && id < 2 * LOOPS_IDS;

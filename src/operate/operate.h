@@ -26,11 +26,17 @@
 #define LOOPS_ACTING(table, output) (2 * LOOPS_IDS + apc_variable_number(table, output))
 /* Of table dim, behind those of the loops: the step of a variable above which a write has to be confirmed. */
 #define LOOPS_STEP(table, variable) (4 * LOOPS_IDS + apc_variable_number(table, variable))
+/* The same: how long a write to it waits for a second person, s. Of all that a controller has, modes and tuning, it
+ * stands under APC_TICK and the controller's number. */
+#define LOOPS_SECOND(table, variable) (5 * LOOPS_IDS + apc_variable_number(table, variable))
 
 /* Of tables setpoint and manual, behind those of the variables: of one on a ramp its target, and how fast it goes
  * there, 1/s; 0: it is on none. */
 #define LOOPS_RAMP(variable) (7 * LOOPS_IDS + (variable))
 #define LOOPS_RATE(variable) (8 * LOOPS_IDS + (variable))
+/* Of a variable that operators write, in its own table: what somebody has asked for, and in how many s. */
+#define LOOPS_ASKED(variable)      (10 * LOOPS_IDS + (variable))
+#define LOOPS_ASKED_OVER(variable) (13 * LOOPS_IDS + (variable))
 
 /* Of table opmode: fault number @p i of a simulated plant, from 0: 1 from its row on, 0 no more. */
 #define LOOPS_FAULT(i) (9 * LOOPS_IDS + 1 + (int)(i))
@@ -61,7 +67,7 @@ struct loops_loop {
 };
 
 struct loops_step {
-    int id; /* LOOPS_STEP() */
+    int id; /* LOOPS_STEP(), LOOPS_SECOND() */
     double most;
 };
 
@@ -98,6 +104,8 @@ const struct loops_loop *loops_of(const struct loops *loops, enum apc_table tabl
 bool loops_scheduled(const struct loops *loops, int setpoint);
 /* The greatest step of a setpoint or an output that needs no confirmation; 0: any. */
 double loops_step(const struct loops *loops, enum apc_table table, int id);
+/* How long a write to it waits for a second person, s; 0: it needs none. */
+double loops_second(const struct loops *loops, enum apc_table table, int id);
 /* Is an event of that source said by that controller? By "apc-controller", or with its name where there are
  * several. */
 bool loops_is_from(const struct loops *loops, const struct loops_controller *controller, const char *source);
@@ -146,7 +154,7 @@ void entry_note_json(const struct entry_note *note, struct text *t);
 struct change_fault {
     int err;          /* enum apc_err: an exit code, an exception */
     const char *code; /* "variable": there is none; "value"; "limits"; "mode": not as its loop is; "stale":
-                         somebody was faster; "role"; "confirm"; of an operation, as it says there; static */
+                         somebody was faster; "role"; "confirm"; "second"; of an operation, as it says there; static */
     char text[240];   /* which? what was expected? */
 };
 /* Fill it in. Returns @p err. */
@@ -179,6 +187,7 @@ struct change_target {
     int id;
     double low, high;
     double step;                   /* the greatest that needs no confirmation; 0: any */
+    double second;                 /* s that a write waits for a second person; 0: it needs none */
     const struct loops_loop *loop; /* loops_of() it */
 };
 
@@ -188,6 +197,8 @@ int change_find(const struct plant_view *plant, const char *name, unsigned kinds
                 struct change_fault *why);
 int change_at(const struct plant_view *plant, enum apc_table table, int id, struct change_target *to,
               struct change_fault *why);
+/* Is it a setpoint, an output, tuning, a mode or an owner? Alarms and requests are switches of table opmode as well. */
+bool change_is_of(const struct apc_tag *tag);
 
 int change_number(const char *text, double *value, struct change_fault *why);
 int change_mode(const char *text, double *mode, struct change_fault *why); /* "Man", whatever its letters */
@@ -313,6 +324,13 @@ struct change {
     char refusal[160]; /* with which words; "": not known */
 };
 
+/* What one has asked for, and another approves. */
+struct approval {
+    char asker[APC_AUTHOR_LEN];
+    struct apc_sample *row; /* [n] that wait until then; free() */
+    size_t n;
+};
+
 struct operation {
     const struct plant_view *plant;
     struct change *change; /* [n] in one transaction */
@@ -321,7 +339,8 @@ struct operation {
     const char *group;  /* they are target modes, of all loops of this: "mode"; NULL: they are not */
     const char *author; /* "": nobody who is known */
     const char *note;   /* behind each event: " (from 10.0.0.1): too warm"; NULL: nothing */
-    const struct apc_sample *mark; /* a row that is written with them; NULL: none */
+    const struct apc_sample *mark;   /* a row that is written with them; NULL: none */
+    const struct approval *approval; /* operation_approve() has filled it in; NULL: it is no such */
     int (*record)(void *ctx, struct apc_store *store, const struct apc_event *event,
                   size_t n); /* NULL: appended */
     void *ctx;
@@ -365,7 +384,7 @@ int operation_look(struct operation *o, struct apc_store *store);
 /* Does each controller tick that it is for? An age by the clocks of two hosts is no proof that it does not: then
  * a tick is waited for. Returns 1, 0: not known yet, or an error: APC_EPERM with "nobody", or the store's. */
 int operation_ready(struct operation *o, struct apc_store *store, struct change_fault *why);
-/* Returns 0, or an error: "confirm"; "ramp", there is none to stop, or no value to begin at; APC_ECONFLICT, "stale", then newest is; "unknown": it may have been written; "store";
+/* Returns 0, or an error: "confirm"; "second", nothing was written but that it is asked for, or is already; "ramp", there is none to stop, or no value to begin at; APC_ECONFLICT, "stale", then newest is; "unknown": it may have been written; "store";
  * "record": it was written, but its event was not. */
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why);
 /* Its events alone, with @p also said in each. Returns 0, APC_ENOMEM or the store's error. */
@@ -381,6 +400,40 @@ int operation_poll(struct operation *o, struct apc_store *store);
  * written as things stand; "store".
  */
 int operation_undo(struct operation *o, struct apc_store *store, apc_ns only, struct change_fault *why);
+/* Is everything of it for what is newest, and may it be written as things stand? Returns 0, or an error with "stale",
+ * "mode". */
+int operation_check(const struct operation *o, struct apc_store *store, struct change_fault *why);
+
+/*
+ * Two persons. Where a variable's `second` is above 0, operation_begin() writes what is asked for beside it, in its
+ * table: value is what it is to become, origin the seq that it is for (0: whatever is newest), and under its own id
+ * in how many s; Good as long as it waits. All rows of what was asked for at once have their time and their author.
+ */
+struct waiting {
+    struct change_target to;
+    struct apc_sample row, over;
+    char asker[APC_AUTHOR_LEN];
+    apc_ns until; /* UTC, of all that was asked for at once */
+};
+/* All that waits, and what waited until its time was over, in the order of the tags; free() @p asked in either case.
+ * Returns how many, APC_ENOMEM or the store's error. */
+int waiting_load(struct waiting **asked, struct apc_store *store, const struct plant_view *plant);
+/*
+ * Fill in what was asked for at once: at @p only, UTC, to the microsecond, or, where that is 0, of a variable of that
+ * name, or TABLE.ID. change [n] and approval->row, to be freed, in either case. Then operation_begin() writes it, and
+ * operation_refuse() lets nobody write it; who has asked may do the latter. Returns 0, or an error: "second", nothing
+ * waits, its time is over, or o->author has asked; "stale", "value", "limits", "mode" as of operation_undo();
+ * "store".
+ */
+int operation_approve(struct operation *o, struct apc_store *store, apc_ns only, const char *name,
+                      bool refuses, struct approval *approval, struct change_fault *why);
+/* Returns APC_ECONFLICT with "second": somebody else was faster. */
+int change_approved(struct change_fault *why);
+/* Returns 0, or an error: that of change_approved(); "store", "record". */
+int operation_refuse(struct operation *o, struct apc_store *store, struct change_fault *why);
+/* For operation_begin(): does it need a second person? Then ask: returns an error, as that does. 0: it needs none. */
+int operation_ask(struct operation *o, struct apc_store *store, uint32_t author, struct change_fault *why);
+
 /* What people had set at an instant, by the store as it stood then. */
 struct retake {
     struct apc_store *past;

@@ -456,7 +456,8 @@ static int look_at_ramps(struct operation *o, struct apc_store *store, struct ch
 
 static int put_operation(struct operation *o, struct apc_store *store, uint32_t author)
 {
-    struct apc_sample *rows = calloc(3 * o->n + 1, sizeof *rows);
+    const size_t approved = o->approval ? o->approval->n : 0;
+    struct apc_sample *rows = calloc(3 * o->n + approved + 1, sizeof *rows);
     size_t n = is_all(o) ? 1 : o->n;
     if (!rows)
         return APC_ENOMEM;
@@ -475,6 +476,12 @@ static int put_operation(struct operation *o, struct apc_store *store, uint32_t 
     if (o->mark) {
         rows[n] = *o->mark;
         rows[n++].author = author;
+    }
+    for (size_t i = 0; i < approved; i++) {
+        rows[n] = o->approval->row[i];
+        rows[n].author = author;
+        rows[n].time = o->time;
+        rows[n++].status = APC_BAD_NO_DATA;
     }
     const int rc = owner_put(store, o->plant->loops, rows, n, &o->with);
     take_rows(o, rows, rc);
@@ -525,12 +532,20 @@ int operation_record(const struct operation *o, struct apc_store *store, const c
     return rc < 0 ? rc : 0;
 }
 
+int change_approved(struct change_fault *why)
+{
+    return change_fail(why, APC_ECONFLICT, "second", "somebody else has approved or refused it just now");
+}
+
 static int fail_stale(const struct operation *o, struct change_fault *why)
 {
     size_t i = 0;
     while (i + 1 < o->n &&
            (o->change[i].after.seq == APC_SEQ_ANY || o->change[i].after.seq == o->change[i].newest.seq))
         i++;
+    if (o->approval &&
+        (o->change[i].after.seq == APC_SEQ_ANY || o->change[i].after.seq == o->change[i].newest.seq))
+        return change_approved(why);
     return change_stale(o->change[i].to.name, &o->change[i].newest, why);
 }
 
@@ -544,8 +559,12 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
     rc = o->author[0] ? apc_store_author(store, o->author) : 0;
     if (rc < 0)
         return fail_of_store(store, rc, why);
+    const uint32_t author = (uint32_t)rc;
     o->time = o->time > 0 ? o->time : apc_clock_utc(NULL);
-    rc = put_operation(o, store, (uint32_t)rc);
+    rc = o->approval ? 0 : operation_ask(o, store, author, why);
+    if (rc < 0)
+        return rc;
+    rc = put_operation(o, store, author);
     o->begun = apc_clock_plant();
     if (rc == APC_ECONFLICT)
         return fail_stale(o, why);
@@ -558,7 +577,10 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
     }
     if (rc < 0)
         return fail_of_store(store, rc, why);
-    rc = operation_record(o, store, "");
+    char asked[APC_AUTHOR_LEN + 16] = "";
+    if (o->approval)
+        snprintf(asked, sizeof asked, " (asked by %s)", o->approval->asker);
+    rc = operation_record(o, store, asked);
     return rc < 0 ? change_fail(why, rc, "record", "the change was made, but not recorded as an event: %s",
                                 apc_store_error(store))
                   : 0;

@@ -242,6 +242,10 @@ static int do_it(struct requests *r, struct look *l)
     operation_end(&l->operation);
     if (rc == APC_ECONFLICT)
         return 1;
+    if (rc < 0 && !strcmp(l->why.code, "second")) { /* done again it waits already */
+        note_outcome(l, "refused: %s", l->why.text);
+        return say_outcome(r, l, 0, l->said);
+    }
     if (rc < 0)
         return apc_fail(&r->why, rc, "%s", l->why.text);
     rc = load_marks(r);

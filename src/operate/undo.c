@@ -17,13 +17,6 @@ struct last_write {
     size_t n;
 };
 
-/* Alarms and requests are switches of table opmode as well: they are taken back otherwise. */
-static bool is_undoable(const struct apc_tag *tag)
-{
-    return tag->table == APC_SETPOINT || tag->table == APC_TUNING || tag->table == APC_MANUAL ||
-           (tag->table == APC_OPMODE && tag->id > 0 && (tag->id < LOOPS_IDS || loops_is_owner_id(tag->id)));
-}
-
 static int take_written_row(void *ctx, const struct apc_sample *row)
 {
     struct last_write *w = ctx;
@@ -47,7 +40,7 @@ static int find_last_write(struct last_write *w, struct apc_store *store, const 
     if (!now)
         return APC_ENOMEM;
     for (size_t i = 0; i < plant->n; i++)
-        if (is_undoable(&plant->tag[i]))
+        if (change_is_of(&plant->tag[i]))
             now[n++] = (struct apc_sample){.table = plant->tag[i].table, .id = plant->tag[i].id};
     int rc = apc_store_read(store, now, n);
     for (size_t i = 0; i < n && rc >= 0; i++)
@@ -192,8 +185,7 @@ static int undo_row(struct operation *o, struct apc_store *store, const struct l
     return look_at_ramp(store, row, c, why);
 }
 
-/* May all of it be written as things stand? */
-static int check_undo(const struct operation *o, struct apc_store *store, struct change_fault *why)
+int operation_check(const struct operation *o, struct apc_store *store, struct change_fault *why)
 {
     int rc = 0;
     for (size_t i = 0; i < o->n && rc == 0; i++) {
@@ -229,7 +221,7 @@ int operation_undo(struct operation *o, struct apc_store *store, apc_ns only, st
     if (rc == 0 && operation_look(o, store) < 0)
         rc = change_fail(why, APC_ESTORE, "store", "%s", apc_store_error(store));
     if (rc == 0)
-        rc = check_undo(o, store, why);
+        rc = operation_check(o, store, why);
     o->confirmed = true; /* it was in force before */
     free(w.row);
     return rc;

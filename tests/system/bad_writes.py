@@ -114,7 +114,7 @@ def http(row, port, engineer, observer, seq=0):
             said = until("the page knows what became of a write", lambda: '"state":"accepted"' not in (now := fetched(again)) and now)
     except urllib.error.HTTPError as e:
         error = json.load(e)["error"]
-        if "confirm" in row.http and error["code"] == "stale":
+        if row.http in ("409 confirm", "409 second") and error["code"] == "stale":
             return http(row, port, engineer, observer, error["current"]["setpoint.1"][0])
         said = f"{e.code} {error['code']}: {error['message']}"
     say(row, "page", said, row.http)

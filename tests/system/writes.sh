@@ -10,15 +10,16 @@ asked() {
   [ "$n" = "$1" ] || fail "$3: $n rows of $2 were asked instead of $1"
 }
 
-# confirms: a great step of r in $work/fast.conf has to be confirmed
-confirms() { sed -i 's/^setpoints *= ( { /&confirm = 15.0; /' "$work/fast.conf"; }
+# confirms: a great step of r in $work/fast.conf has to be confirmed, and each takes two persons
+confirms() { sed -i 's/^setpoints *= ( { /&confirm = 15.0; second_person = 300.0; /' "$work/fast.conf"; }
 
-# page_of STORE: a page, whose port is in $page, with the tokens $engineer and $observer
+# page_of STORE: a page, whose port is in $page and process in $page_pid, with the tokens $engineer and $observer
 page_of() {
   printf 'apc-password\n' | "$apc" user add eve --users "$work/page" >/dev/null
   engineer=$("$apc" user token anna --role engineer --users "$work/page")
   observer=$("$apc" user token otto --users "$work/page")
   background page "$APC_BIN/apc-ui" --config "$work/fast.conf" --store "$1" --listen 127.0.0.1:0 --users "$work/page"
+  page_pid=$pid
   until_true 60 grep -q 'serving http' "$work/page.log"
   page=$(sed -n 's/.*serving http:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/page.log")
   knows() {

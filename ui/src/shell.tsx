@@ -33,6 +33,7 @@ import {AlarmLine} from "./parts/alarmline";
 import {OnlyNow, PastBar, PastButton, pastByKey} from "./parts/past";
 import {Shape} from "./parts/shape";
 import {SpeedStrip} from "./parts/speed";
+import {WaitingBar} from "./parts/waiting";
 import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
 import {OpenWhy} from "./why";
@@ -108,6 +109,7 @@ function Whole(): JSX.Element {
       <AlarmLine />
       <PastBar />
       <Bars />
+      <WaitingBar />
       <main id="main" ref={main} tabIndex={-1} aria-label={tr(`page.${page}`)}>
         {nonsense && <p class="complaint" role="status">{tr("shell.noPage", {page: nonsense})}</p>}
         {page === "overview" && <OverviewPage />}

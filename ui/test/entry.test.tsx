@@ -2,7 +2,7 @@
 // Entries of a loop: what is typed, sent, refused, undone, and what became of it.
 import assert from "node:assert/strict";
 import {test} from "node:test";
-import {button, click, entry, env, model, one, press, said, server, settle, show, submit, type} from "./dom";
+import {button, click, entry, env, event, model, one, press, said, server, settle, show, submit, type} from "./dom";
 import {START} from "./plant";
 
 // Promise(page/reason-goes-write)
@@ -273,4 +273,42 @@ test("what was superseded is final", async () => {
   env.source.send("write", {key, kind: "setpoint", user: "anna", time: server.now, state: "superseded", stored: true, reason: "a newer value came after it", changes: []});
   await settle();
   assert.match(said('[data-slot="setpoint.1"]'), /superseded – a newer value came after it Dismiss/);
+});
+
+// Promise(modes/two-persons)
+test("what takes two persons is asked for, and approved or refused by another one", async () => {
+  const changes = [
+    {ref: "setpoint.1", name: "r1", to: 7, user: "otto", time: START - 20, until: START + 280, over: 60},
+    {ref: "opmode.1", name: "u1", to: 0, user: "otto", time: START - 20, until: START + 280},
+    {ref: "setpoint.1", name: "r1", to: 9, user: "anna", time: START - 10, until: START + 290},
+  ];
+  const bar = ".waiting-bar";
+  env.routes.set("/api/waiting", asked => asked.answer({t: START, changes}));
+  await show("loop/1");
+  await type(field, "7");
+  await submit(entry);
+  env.take("/api/setpoint").answer({error: {code: "second", message: "r1: 0.125 -> 7 waits 300 s for a second person"}}, 409);
+  await settle();
+  assert.match(said('[data-slot="setpoint.1"]'), /: asked for – r1: 0\.125 -> 7 waits 300 s for a second person Dismiss$/);
+  env.source.send("event", {events: [event(START - 10, 1, "r1: 0.125 -> 9 waits 300 s for a second person")]});
+  await settle();
+  await env.pass(1);
+  await settle();
+  assert.match(said(bar), /^otto has asked for r1 → 7 over 60 s, u1 → Man: it waits .* for a second person Approve Refuse anna has asked for r1 → 9: .* Withdraw$/);
+  await click(button("Approve", bar));
+  const asked = env.take("/api/approve");
+  assert.equal(asked.body?.time, START - 20);
+  asked.answer({error: {code: "second", message: "somebody else has approved or refused it just now"}}, 409);
+  await settle();
+  assert.match(said(bar), /failed – somebody else has approved or refused it just now Dismiss$/);
+  await click(button("Withdraw", bar));
+  const refusal = env.take("/api/refuse");
+  assert.equal(refusal.body?.time, START - 10);
+  changes.length = 0;
+  refusal.answer({t: START, changes});
+  await click(button("Dismiss", bar));
+  await env.pass(1);
+  await settle();
+  assert.equal(document.querySelector(bar), null);
+  await press("Escape", one(field));
 });

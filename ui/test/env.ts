@@ -53,6 +53,7 @@ export class FakeEnv implements Env {
   readonly routes = new Map<string, (asked: Asked) => void>();
 
   constructor() {
+    this.routes.set("/api/waiting", asked => asked.answer({t: this.wall(), changes: []})); // every page asks for it
     useEnv(this);
   }
 

@@ -287,6 +287,8 @@ export class Fake {
         return json({t: this.now, plants: [{name: "line1", here: true, age: 0.2, page: null}, {name: "line2", here: false, age: 7412, page: "https://line2.example/"}]});
       case "/api/kpis":
         return json({t: this.now, since: this.now - 86400, until: this.now, loops: [{id: 1, name: "y", service: 0.98, at_low: 0, at_high: 0, sd_in_service: null, sd_without: null, benefit: null}], predictions: [], plans: []});
+      case "/api/waiting":
+        return json({t: this.now, changes: []});
       case "/api/health":
         return json(this.#health());
       case "/api/predictions":

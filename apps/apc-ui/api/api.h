@@ -54,6 +54,11 @@ bool request_retake(struct request *r, struct apc_store *store, struct apc_store
 void get_retake(struct ui *ui, struct request *r, struct apc_store *store);
 void post_retake(struct ui *ui, struct request *r, struct apc_store *store);
 void post_undo(struct ui *ui, struct request *r, struct apc_store *store);
+/* The time of a write, UTC. False: the fault is set. */
+bool request_time(struct request *r, const json_t *body, const char *member, apc_ns *time);
+void get_waiting(struct ui *ui, struct request *r, struct apc_store *store);
+void post_approve(struct ui *ui, struct request *r, struct apc_store *store);
+void post_refuse(struct ui *ui, struct request *r, struct apc_store *store);
 void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
 void get_livez(struct ui *ui, struct request *r, struct apc_store *store);
 void get_readyz(struct ui *ui, struct request *r, struct apc_store *store);

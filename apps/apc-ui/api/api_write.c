@@ -21,7 +21,7 @@ bool fault_change(struct request *r, const struct change_fault *why, const char 
         const char *code;
         int http;
     } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"confirm", 409}, {"stale", 409},
-               {"undo", 409},     {"ramp", 409}, {"role", 403},   {"unknown", 504}};
+               {"undo", 409},     {"ramp", 409}, {"second", 409}, {"role", 403},    {"unknown", 504}};
     int http = 422;
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         http = !strcmp(why->code, all[i].code) ? all[i].http : http;
@@ -44,6 +44,7 @@ struct order {
     struct apc_sample rate; /* of the ramp that the first change is on; id 0: it cannot be on one */
     char reason[REASON_LEN];
     bool confirmed, stops;
+    struct approval approval; /* of what another one has asked for */
     char *names;              /* of what is taken again, with commas; "": of all */
     json_t *seen;             /* the seqs of what differs, by their refs, as whoever asks was shown them */
     struct known_plant plant; /* as the model had it */
@@ -259,12 +260,7 @@ static bool read_tuning(struct request *r, const json_t *body, struct order *o)
 
 static bool read_undo(struct request *r, const json_t *body, struct order *o)
 {
-    double seconds;
-    if (!member_number(body, "time", &seconds, &r->fault))
-        return false;
-    o->write.undoes = seconds > 0 && seconds < 1e10 ? llround(seconds * 1e6) * APC_NS_PER_US : 0;
-    return o->write.undoes > 0 ||
-           fault_set(&r->fault, 422, "value", "time", "\"time\" must be that of a write");
+    return request_time(r, body, "time", &o->write.undoes);
 }
 
 static bool read_retake(struct request *r, const json_t *body, struct order *o)
@@ -296,12 +292,12 @@ static bool read_write_order(struct request *r, struct order *o)
     static const char *const retake_members[] = {"at", "names", "seen", "confirm", "reason", "key", NULL};
     enum write_kind kind = o->write.kind;
     json_t *body = body_parse(r->body, r->n,
-                              kind == WRITE_MODE     ? mode_members
-                              : kind == WRITE_OWNER  ? owner_members
-                              : kind == WRITE_TUNING ? tuning_members
-                              : kind == WRITE_UNDO   ? undo_members
-                              : kind == WRITE_RETAKE ? retake_members
-                                                     : value_members,
+                              kind == WRITE_MODE                            ? mode_members
+                              : kind == WRITE_OWNER                         ? owner_members
+                              : kind == WRITE_TUNING                        ? tuning_members
+                              : kind == WRITE_UNDO || kind == WRITE_APPROVE ? undo_members
+                              : kind == WRITE_RETAKE                        ? retake_members
+                                                                            : value_members,
                               &r->fault);
     bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason) &&
               request_confirmed(r, body, &o->confirmed);
@@ -311,7 +307,7 @@ static bool read_write_order(struct request *r, struct order *o)
         ok = read_owner(r, body, o);
     else if (ok && kind == WRITE_TUNING)
         ok = read_tuning(r, body, o);
-    else if (ok && kind == WRITE_UNDO)
+    else if (ok && (kind == WRITE_UNDO || kind == WRITE_APPROVE))
         ok = read_undo(r, body, o);
     else if (ok && kind == WRITE_RETAKE)
         ok = read_retake(r, body, o);
@@ -376,9 +372,10 @@ static bool find_retake(struct ui *ui, struct request *r, struct order *o, struc
     return !r->fault.http;
 }
 
-/* Which changes take a write back. False: none do, or they have been asked for before. */
+/* Which changes take a write back, or were asked for. False: none do, or they have been asked for before. */
 static bool find_undo(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
+    const bool approves = o->write.kind == WRITE_APPROVE;
     struct operation undo = {.plant = &o->plant.view, .author = o->write.user};
     struct change_fault why = {0};
     if (!is_first(r, writes_again(ui->writes, &o->write, &r->reply), store))
@@ -386,13 +383,14 @@ static bool find_undo(struct ui *ui, struct request *r, struct order *o, struct 
     int rc = apc_store_connect(store);
     const bool live = rc >= 0 && !fault_history(r, store);
     if (live)
-        rc = operation_undo(&undo, store, o->write.undoes, &why);
+        rc = approves ? operation_approve(&undo, store, o->write.undoes, NULL, false, &o->approval, &why)
+                      : operation_undo(&undo, store, o->write.undoes, &why);
     if (rc < 0 && (!live || strcmp(why.code, "store") == 0))
         fault_store(r, rc, store);
     else if (rc < 0)
         (void)fault_change(r, &why, NULL);
     else
-        take_found(r, o, &undo, "apc undo takes it back");
+        take_found(r, o, &undo, approves ? "apc approve writes it" : "apc undo takes it back");
     free(undo.change);
     return !r->fault.http;
 }
@@ -561,7 +559,9 @@ static int put_order(struct ui *ui, const struct request *r, struct order *o, st
     o->operation = (struct operation){.plant = &o->plant.view,
                                       .change = o->change,
                                       .n = o->write.n,
-                                      .confirmed = o->confirmed || o->write.kind == WRITE_UNDO,
+                                      .confirmed = o->confirmed || o->write.kind == WRITE_UNDO ||
+                                                   o->write.kind == WRITE_APPROVE,
+                                      .approval = o->write.kind == WRITE_APPROVE ? &o->approval : NULL,
                                       .author = o->write.user,
                                       .note = note,
                                       .record = audit_events,
@@ -583,6 +583,7 @@ static void end_write(struct ui *ui, struct request *r, struct order *o, enum wr
     const struct write ended = {.state = state,
                                 .stored = stored,
                                 .confirm = r->fault.http && !strcmp(r->fault.code, "confirm"),
+                                .waits = r->fault.http && !strcmp(r->fault.code, "second"),
                                 .n = o->write.n,
                                 .change = o->change};
     writes_end(ui->writes, o->write.key, &ended, reason, apc_clock_plant(), &t);
@@ -611,7 +612,9 @@ static void carry_out_write(struct ui *ui, struct request *r, struct order *o, s
         return;
     }
     rc = put_order(ui, r, o, store, &why);
-    if (rc == APC_ECONFLICT)
+    if (rc < 0 && strcmp(why.code, "second") == 0)
+        fault_change(r, &why, NULL);
+    else if (rc == APC_ECONFLICT)
         stale_fault(r, o);
     else if (rc < 0 && (strcmp(why.code, "confirm") == 0 || strcmp(why.code, "ramp") == 0))
         fault_change(r, &why, o->stops ? "stop" : "value");
@@ -643,11 +646,12 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
     o->write.time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US; /* as the store keeps it */
     memcpy(o->write.user, r->session.user, sizeof o->write.user);
     if (read_write_order(r, o) && request_may_write(ui, r) &&
-        (kind != WRITE_UNDO || find_undo(ui, r, o, store)) &&
+        ((kind != WRITE_UNDO && kind != WRITE_APPROVE) || find_undo(ui, r, o, store)) &&
         (kind != WRITE_RETAKE || find_retake(ui, r, o, store)) && request_begin(ui, r, &o->write, store))
         carry_out_write(ui, r, o, store);
     known_free(&o->plant);
     json_decref(o->seen);
+    free(o->approval.row);
     free(o->names);
     free(o);
 }
@@ -680,6 +684,11 @@ void post_tuning(struct ui *ui, struct request *r, struct apc_store *store)
 void post_retake(struct ui *ui, struct request *r, struct apc_store *store)
 {
     write_order(ui, r, store, WRITE_RETAKE);
+}
+
+void post_approve(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_APPROVE);
 }
 
 void post_undo(struct ui *ui, struct request *r, struct apc_store *store)

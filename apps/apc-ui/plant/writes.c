@@ -57,10 +57,10 @@ static void change_json(const struct write *write, const struct change *c, struc
 void write_json(const struct write *write, struct text *t)
 {
     static const char *const kinds[] = {
-        [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output", [WRITE_MODE] = "mode",
-        [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning", [WRITE_UNDO] = "undo",
-        [WRITE_RETAKE] = "retake",     [WRITE_ACK] = "ack",       [WRITE_SHELVE] = "shelve",
-        [WRITE_SERVICE] = "service"};
+        [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output",   [WRITE_MODE] = "mode",
+        [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning",   [WRITE_UNDO] = "undo",
+        [WRITE_RETAKE] = "retake",     [WRITE_APPROVE] = "approve", [WRITE_ACK] = "ack",
+        [WRITE_SHELVE] = "shelve",     [WRITE_SERVICE] = "service"};
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
         [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
@@ -69,6 +69,8 @@ void write_json(const struct write *write, struct text *t)
              write->reason);
     if (write->confirm)
         json_add(t, "confirm:%i", 1);
+    if (write->waits)
+        json_add(t, "waits:%i", 1);
     json_add(t, "changes:[");
     for (size_t i = 0; i < write->n; i++)
         change_json(write, &write->change[i], t);
@@ -192,6 +194,7 @@ void writes_end(struct writes *w, const char *key, const struct write *ended, co
         keep_changes(write->change, ended->change, write->n);
         write->ended = now;
         write->confirm = ended->confirm;
+        write->waits = ended->waits;
         turn_write(w, write, ended->state, ended->stored, reason);
         write_json(write, t);
     }

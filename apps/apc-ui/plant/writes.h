@@ -33,6 +33,7 @@ enum write_kind {
     WRITE_TUNING,
     WRITE_UNDO,
     WRITE_RETAKE,
+    WRITE_APPROVE,
     WRITE_ACK,
     WRITE_SHELVE,
     WRITE_SERVICE
@@ -53,6 +54,7 @@ struct write {
     enum write_state state;
     int stored;   /* 1, 0; -1: not known */
     bool confirm; /* it failed, as so great a step has to be confirmed */
+    bool waits;   /* the same, as it takes a second person */
     char reason[240];
     apc_ns time;      /* UTC */
     apc_ns undoes;    /* time of the write that it takes back, or whose values it takes again; else 0 */

@@ -149,6 +149,7 @@ int command_set(int argc, char **argv);
 int command_mode(int argc, char **argv);
 int command_remote(int argc, char **argv);
 int command_undo(int argc, char **argv);
+int command_approve(int argc, char **argv);
 int command_log(int argc, char **argv);
 int command_promote(int argc, char **argv);
 int command_tune(int argc, char **argv);

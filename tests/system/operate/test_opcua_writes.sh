@@ -23,7 +23,7 @@ run=$pid
 ticks() { "$apc" mode --store "$work/run" | grep -q '^actual  Auto'; }
 until_true 60 ticks
 serve_of "$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")"
-asked 14 bad_writes opcua "$url" apc-password
+asked 15 bad_writes opcua "$url" apc-password
 kill -TERM "$pid"
 wait "$pid" || fail "the server ended with $?"
 kill -INT "$run"

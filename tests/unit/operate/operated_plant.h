@@ -7,18 +7,25 @@
 #include "experiment/experiment.h"
 #include "operate/operate.h"
 
+/* Of w, u and base: "second_person = 300.0; " */
+#ifndef OPERATED_SECOND
+#define OPERATED_SECOND ""
+#endif
+
 /* r is moved by the loop above, or by people; w is the scheduler's, or people's. */
 static const char operated_text[] =
     "name = \"operated\"; duration = 10.0;\n"
     "measurements = ( { name = \"y\"; low = -100.0; high = 100.0; } );\n"
     "setpoints = ( { name = \"r\"; low = -50.0; high = 50.0; initial = 1.0; },\n"
-    "              { name = \"w\"; low = -50.0; high = 50.0; initial = 5.0; confirm = 10.0; } );\n"
-    "outputs = ( { name = \"u\"; low = -20.0; high = 20.0; } );\n"
+    "              { name = \"w\"; low = -50.0; high = 50.0; initial = 5.0; confirm = 10.0; " OPERATED_SECOND
+    "} );\n"
+    "outputs = ( { name = \"u\"; low = -20.0; high = 20.0; " OPERATED_SECOND "} );\n"
     "plant = { model = \"first-order\"; period = 0.1; };\n"
     "client = { period = 0.1; };\n"
     "scheduler = { period = 10.0; setpoints = [\"w\"]; sequence = ( [5.0], [6.0] ); };\n"
     "controllers = (\n"
-    "  { name = \"base\"; law = \"pi\"; period = 0.5; mode = \"Cas\"; measurements = [\"y\"];\n"
+    "  { name = \"base\"; " OPERATED_SECOND
+    "law = \"pi\"; period = 0.5; mode = \"Cas\"; measurements = [\"y\"];\n"
     "    setpoints = [\"r\"]; outputs = [\"u\"]; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },\n"
     "  { name = \"upper\"; law = \"pi\"; period = 1.0; measurements = [\"y\"]; setpoints = [\"w\"];\n"
     "    outputs = [\"r\"]; tuning = ( { Kp = 0.3; tau_i = 2.0; } ); } );\n";

@@ -13,11 +13,12 @@ export interface WriteView {
   reason: string | null;
   stored: boolean; // it, or what it takes back, is in the database: what was typed is the readback now
   confirm?: boolean; // so great a step has to be confirmed
+  waits?: boolean; // it takes a second person
 }
 
 export type Happening =
   | {what: "answer"; write: Write}
-  | {what: "refused"; reason: string; confirm?: boolean}
+  | {what: "refused"; reason: string; confirm?: boolean; waits?: boolean}
   | {what: "no answer"; reason: string};
 
 const order: Record<Phase, number> = {pending: 0, accepted: 1, unknown: 2, applied: 3, superseded: 3, failed: 3};
@@ -28,10 +29,10 @@ export function next(view: WriteView, happening: Happening): WriteView {
       const {write} = happening;
       // Messages may overtake the answer: a final state stays, and accepted is no news after unknown.
       if (write.key !== view.key || order[write.state] < order[view.phase] || isFinal(view.phase)) return view;
-      return {...view, phase: write.state, at: write.time, reason: write.reason, stored: write.stored === true || view.kind === "undo", confirm: write.confirm === true};
+      return {...view, phase: write.state, at: write.time, reason: write.reason, stored: write.stored === true || view.kind === "undo", confirm: write.confirm === true, waits: write.waits === true};
     }
     case "refused":
-      return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason, confirm: happening.confirm === true};
+      return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason, confirm: happening.confirm === true, waits: happening.waits === true};
     case "no answer":
       return view.phase === "pending" ? {...view, phase: "unknown", reason: happening.reason} : view;
   }

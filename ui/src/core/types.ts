@@ -393,7 +393,13 @@ export interface Unexplained {
   error: string;
 }
 
-export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "undo" | "retake" | "ack" | "shelve" | "service";
+/** What waits for a second person; of one time: what was asked for at once. */
+export interface Waiting {
+  t: number;
+  changes: {ref: Ref; name: string; to: number; user: string; time: number; until: number; over?: number}[];
+}
+
+export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "undo" | "retake" | "approve" | "ack" | "shelve" | "service";
 
 export interface Write {
   key: string;
@@ -404,5 +410,6 @@ export interface Write {
   stored: boolean | null;
   reason: string | null;
   confirm?: boolean; // it failed: so great a step has to be confirmed
+  waits?: boolean; // the same: it takes a second person
   changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null; over?: number}[]; // over: s, of a ramp
 }

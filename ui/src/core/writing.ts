@@ -49,7 +49,7 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
     if (!mine()) return;
     if (error instanceof NoAnswer || (error instanceof ApiError && error.code === "unknown"))
       step(cell, {what: "no answer", reason: tr("write.notKnown", {why: error.message})});
-    else if (error instanceof ApiError) step(cell, {what: "refused", reason: error.message, confirm: error.code === "confirm"});
+    else if (error instanceof ApiError) step(cell, {what: "refused", reason: error.message, confirm: error.code === "confirm", waits: error.code === "second" && kind !== "approve"});
     else throw error;
     sentTo.set(key, server);
     void ask(cell);

@@ -147,7 +147,7 @@ function Instant({at}: {at: number}): JSX.Element {
 }
 
 /** Modes and owners are told in words. */
-function inWords({ref}: {ref: string}, value: number | null, p: Plant | null): string {
+export function inWords({ref}: {ref: string}, value: number | null, p: Plant | null): string {
   const [table, id] = ref.split(".");
   const word = table !== "opmode" || value == null ? null : Number(id) > 65535 ? tr(value === 0 ? "loop.local" : "loop.remoteWord") : p?.modes[value];
   return word ? known("mode", word) : exact(value);

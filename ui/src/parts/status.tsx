@@ -17,19 +17,20 @@ interface Props {
 
 export function WriteStatus({of, retry}: Props): JSX.Element {
   const view = useCell(slot(of));
+  const waits = view?.phase === "failed" && view.waits === true && view.kind !== "approve";
   return (
     <div class="write-status" role="status" tabIndex={-1} data-slot={of} data-phase={view?.phase ?? "none"}>
       {view && (
         <>
-          {view.phase === "failed" && <Note grave label={tr("write.failed")} />}
+          {view.phase === "failed" && !waits && <Note grave label={tr("write.failed")} />}
           {view.phase === "unknown" && <Note label={tr("write.unknown")} />}
           <span class={`phase ${view.phase}`}>
-            {view.to}: {tr(`write.${view.phase}`)}
+            {view.to}: {tr(waits ? "write.asked" : `write.${view.phase}`)}
             {view.phase === "applied" && ` ${clock(view.at)}`}
             {view.reason && view.phase !== "applied" && ` – ${said(view.reason)}`}
           </span>
           <Undo of={of} view={view} />
-          {view.phase === "failed" && view.kind !== "undo" && (
+          {view.phase === "failed" && view.kind !== "undo" && view.kind !== "approve" && !waits && (
             <button type="button" onClick={retry}>
               {tr(view.confirm ? "write.confirm" : "parts.retry")}
             </button>
