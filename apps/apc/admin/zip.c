@@ -5,8 +5,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
+
+#include "apc/folder/folder.h"
 
 #define ENTRIES_MAX 100
 #define VERSION     20         /* 2.0: folders in names */
@@ -85,13 +86,8 @@ int zip_write(const char *file, const struct zip_entry *entry, size_t n, struct 
 {
     const size_t size = strlen(file) + sizeof ".2147483647.part";
     char *const part = malloc(size);
-    struct stat there;
     if (!part)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    if (stat(file, &there) == 0 && !S_ISREG(there.st_mode)) {
-        free(part);
-        return apc_fail(why, APC_EINVAL, "%s cannot be written: it is there, and no plain file", file);
-    }
     snprintf(part, size, "%s.%ld.part", file, (long)getpid()); /* another one may write the same file */
     errno = 0;
     FILE *const out = fopen(part, "we");
@@ -99,10 +95,12 @@ int zip_write(const char *file, const struct zip_entry *entry, size_t n, struct 
         put_archive(out, entry, n);
     const bool failed = out && ferror(out);
     int rc = 0;
-    if (!out || fclose(out) != 0 || failed || rename(part, file) != 0) {
+    if (!out || fclose(out) != 0 || failed) {
         rc = apc_fail(why, APC_ESYS, "%s cannot be written: %s", file, strerror(errno));
         if (out)
             remove(part);
+    } else {
+        rc = folder_replace(part, file, why);
     }
     free(part);
     return rc;

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "apc/common/print.h"
+#include "apc/folder/folder.h"
 #include "apc/report/gnuplot.h"
 #include "files/files.h"
 
@@ -260,8 +261,7 @@ static int put_file(const struct optimization *z, const struct experiment *e, st
         rc = apc_fail(why, APC_ESYS, "%s: cannot be written: %s", part, strerror(errno));
     else if ((rc = experiment_load(&again, part, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why)) == 0) {
         experiment_free(&again); /* what it names is to be found from there, too */
-        if (rename(part, z->own.write) != 0)
-            rc = apc_fail(why, APC_ESYS, "%s: cannot be written: %s", z->own.write, strerror(errno));
+        rc = folder_replace(part, z->own.write, why);
     }
     if (rc < 0)
         unlink(part);

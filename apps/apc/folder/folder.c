@@ -438,6 +438,19 @@ int folder_spare(const char *path, bool force, struct apc_error *why)
     return apc_fail(why, APC_EPERM, "%s: is there already; --force writes over it", path);
 }
 
+int folder_replace(const char *part, const char *path, struct apc_error *why)
+{
+    struct stat at;
+    const bool other = stat(path, &at) == 0 && !S_ISREG(at.st_mode);
+    if (!other && rename(part, path) == 0)
+        return 0;
+    const int rc =
+        other ? apc_fail(why, APC_EINVAL, "%s cannot be written: it is there, and no plain file", path)
+              : apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    remove(part);
+    return rc;
+}
+
 /* ---- Samples ------------------------------------------------------------------------------ */
 
 static int put_samples_files(const char *dir, const char *name, const struct samples *samples, apc_ns start,

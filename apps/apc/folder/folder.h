@@ -68,5 +68,8 @@ unsigned long long folder_operated(const struct experiment *e, bool tuning);
 
 /* Refuse to write over a file, but for an empty one and what is no regular file. */
 int folder_spare(const char *path, bool force, struct apc_error *why);
+/* What was written to @p part becomes @p path, which may be there as a plain file and not as a device. Returns 0, or
+ * an error and @p part is gone. */
+int folder_replace(const char *part, const char *path, struct apc_error *why);
 
 #endif

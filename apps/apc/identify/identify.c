@@ -293,6 +293,7 @@ static int write_identified_file(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
     char part[600], comment[900], around[300] = "";
+    struct apc_error why;
     bool failed;
     FILE *out;
     int rc = 0;
@@ -317,12 +318,13 @@ static int write_identified_file(const struct identification *z)
     identify_write(out, m, &z->data, comment);
     failed = ferror(out) != 0;
     failed |= fclose(out) != 0;
-    if (failed || rename(part, z->own.output) != 0) {
+    if (failed) {
         rc = cli_error(&z->cli, APC_ESYS, "%s: cannot be written: %s", z->own.output, strerror(errno));
         remove(part);
         return rc;
     }
-    return EXIT_OK;
+    rc = folder_replace(part, z->own.output, &why);
+    return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
 }
 
 static int draw_identified(const struct identification *z)

@@ -70,6 +70,9 @@ expect 0 'of y these intervals are too narrow' "$apc" identify swings.csv --inpu
 
 # the same bytes again, and of the same record with rows that are missing almost the same numbers
 "$apc" identify tank.csv "${known[@]}" -o again.model >again.txt
+mkfifo pipe # as a device, which root could replace
+expect 1 'pipe cannot be written: it is there, and no plain file' "$apc" identify tank.csv "${known[@]}" --model transfer -o pipe
+[ -p pipe ] && [ ! -e pipe.part ] || fail "the pipe was replaced, or a part is left"
 cmp -s tank.model again.model || fail "the second time it found another model"
 awk 'NR == 1 || NR % 9' tank.csv | sed '30s/,[^,]*$/,NaN/; 31s/,[^,]*$/,/' >gaps.csv
 # Promise(incoming/other-ways)
