@@ -359,6 +359,20 @@ struct controller_loop controllers_loop(const struct experiment *e, size_t n)
     return (struct controller_loop){c, n};
 }
 
+double *controllers_loop_parameter(const struct controller_loop *loop, const char *name, int *id)
+{
+    const struct controller *c = loop->of;
+
+    for (size_t k = 0; k < apc_law_parameters(c->law, &c->dim); k++) {
+        const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
+        *id = c->first_tuning + (int)k;
+        if (p.scope != APC_OF_MEASUREMENT && !strcmp(c->law->tuning[p.number].name, name) &&
+            (p.scope == APC_OF_LAW || p.of == loop->u))
+            return &c->tuning[k];
+    }
+    return NULL;
+}
+
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop)
 {
     return &signal_of_wire(e, loop.of->u[loop.u])->tag;

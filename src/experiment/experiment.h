@@ -376,6 +376,9 @@ size_t controllers_loops(const struct experiment *e);
 struct controller_loop controllers_loop(const struct experiment *e, size_t n);
 /* What runs the controller calls itself, in events: "apc-controller", of several "apc-controller base". */
 void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN]);
+/* Where the loop's parameter called @p name is among its controller's, with its id in table tuning; NULL: its law has
+ * none of that name. */
+double *controllers_loop_parameter(const struct controller_loop *loop, const char *name, int *id);
 /* Its output. */
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
 /* Its id in table opmode, and of the operator's output in table manual. */

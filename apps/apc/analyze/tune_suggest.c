@@ -192,21 +192,6 @@ static int find_suggested_tuning(const struct suggesting *z, const struct apc_tr
 
 /* ---- Loops ----------------------------------------------------------------------------------- */
 
-/* Where a loop's parameter is among those of its controller; NULL: the law has none of that name. */
-static double *loop_parameter(const struct controller_loop *loop, const char *name, int *id)
-{
-    const struct controller *c = loop->of;
-
-    for (size_t k = 0; k < apc_law_parameters(c->law, &c->dim); k++) {
-        const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
-        *id = c->first_tuning + (int)k;
-        if (p.scope != APC_OF_MEASUREMENT && !strcmp(c->law->tuning[p.number].name, name) &&
-            (p.scope == APC_OF_LAW || p.of == loop->u))
-            return &c->tuning[k];
-    }
-    return NULL;
-}
-
 static void add_suggested_value(const struct suggesting *z, struct suggestion *s, int id, double value)
 {
     char text[40];
@@ -287,8 +272,9 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     const char *output = controllers_output(&z->e, *loop)->name;
     const char *measurement = z->e.y[c->y[loop->u].at].tag.name;
     int Kp_id, tau_i_id, tau_d_id;
-    double *Kp = loop_parameter(loop, "Kp", &Kp_id), *tau_i = loop_parameter(loop, "tau_i", &tau_i_id),
-           *tau_d = loop_parameter(loop, "tau_d", &tau_d_id);
+    double *Kp = controllers_loop_parameter(loop, "Kp", &Kp_id),
+           *tau_i = controllers_loop_parameter(loop, "tau_i", &tau_i_id),
+           *tau_d = controllers_loop_parameter(loop, "tau_d", &tau_d_id);
     const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
     const struct apc_pid_tuning present = {*Kp, *tau_i, tau_d ? *tau_d : 0.0};
     struct apc_pid_tuning found;
@@ -325,9 +311,9 @@ static bool is_pid(const struct controller_loop *loop)
     const struct controller *c = loop->of;
     int id;
 
-    return c->law && loop_parameter(loop, "Kp", &id) && loop_parameter(loop, "tau_i", &id) &&
-           c->u[loop->u].table == APC_ACTUATOR && loop->u < c->dim.ny && c->y[loop->u].table == APC_SENSOR &&
-           !c->shadow;
+    return c->law && controllers_loop_parameter(loop, "Kp", &id) &&
+           controllers_loop_parameter(loop, "tau_i", &id) && c->u[loop->u].table == APC_ACTUATOR &&
+           loop->u < c->dim.ny && c->y[loop->u].table == APC_SENSOR && !c->shadow;
 }
 
 /* Is it a loop to be tuned? Where a relay was in some loop, those it was in are. */

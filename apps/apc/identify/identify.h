@@ -9,41 +9,15 @@
 #include <apcstore.h>
 
 #include "apc/common/cli.h"
+#include "grid/grid.h"
 
-#define IDENTIFY_SIGNALS 32 /* inputs or outputs, at most */
+#define COLUMNS_MOST     1024
 #define IDENTIFY_RECORDS 32
 
-/* What is wanted of a file; n 0: of a run all outputs of its controllers, and all measurements. */
-struct identify_selection {
-    char *input[IDENTIFY_SIGNALS], *output[IDENTIFY_SIGNALS];
-    size_t inputs, disturbances, outputs; /* disturbances are the last of the inputs */
-    double period;                        /* s; 0: that of the first output */
-    double from, to;                      /* s, of files; to 0: all */
-    apc_ns since, until;                  /* UTC, of stores; 0: all */
-    bool exchanged;                       /* inputs as the plant got them, not as they were written */
-};
-
-struct identify_data {
-    struct apc_record record;
-    char input[IDENTIFY_SIGNALS][APC_TAG_LEN], output[IDENTIFY_SIGNALS][APC_TAG_LEN];
-    char input_unit[IDENTIFY_SIGNALS][APC_TAG_LEN],
-        output_unit[IDENTIFY_SIGNALS][APC_TAG_LEN]; /* "": not said */
-    double begin;                                   /* time of the first sample */
-    struct identify_gaps {
-        size_t missing, longest;
-    } gaps[IDENTIFY_SIGNALS]; /* of each output */
-    double *memory;
-    size_t *runs; /* where each record begins that was read; NULL: there is one */
-};
-
-/*
- * Read a run folder, what a store has, or CSV with a name in each column, one of them "time" in s. Inputs are
- * held until the next one, also where they are Bad; measurements that are not Good or Uncertain, or not
- * there, are missing. Returns 0 or a negative error with FILE in why; identify_data_free() in either case.
- */
+/* Read a run folder, what a store has, or CSV with a name in each column, one of them "time" in s, as grid_read(). */
 int identify_read(struct identify_data *data, const char *file, const struct identify_selection *selection,
                   struct apc_error *why);
-void identify_data_free(struct identify_data *data);
+int identify_read_files(struct reading *r); /* a run folder, or CSV */
 
 /* The model that was found: transfer functions, or a sampled state space. */
 struct identify_model {

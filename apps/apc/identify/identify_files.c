@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Records from files: CSV with names, and run folders. */
-#include "identify_series.h"
+#include "identify.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "identify_series.h"
+#include "grid.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -57,7 +58,7 @@ static int choose_signals(struct reading *r, struct series *s, const struct know
     if (found == n)
         return apc_fail(r->why, APC_ENOTFOUND, "%s: there is no %s \"%s\"; %s has what there is", r->file,
                         input ? "output, setpoint or measurement" : "measurement", s->name,
-                        strchr(r->file, ':') ? "apc status" : "signals.csv");
+                        r->store ? "apc status" : "signals.csv");
     if (of[found])
         return apc_fail(r->why, APC_EINVAL, "%s: \"%s\" is named twice", r->file, s->name);
     of[found] = s;

@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Records from a store: what it has of a window of time. */
-#include "identify_series.h"
+#include "grid.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/storeuri.h"
-
 #define ROWS_MOST 10000000
-#define TIMEOUT   (60 * APC_NS_PER_S)
 
 struct collecting {
     struct reading *r;
@@ -85,18 +82,14 @@ static int read_known_variables(struct reading *r, struct apc_store *store, stru
     return 0;
 }
 
-int identify_read_store(struct reading *r)
+int stored_read(struct reading *r)
 {
-    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = TIMEOUT};
-    struct apc_store *store = NULL;
     struct known *known = NULL;
     struct series **of = NULL;
     apc_ns zero = r->selection->since;
     size_t n = 0;
-    int rc = store_open(&store, r->file, &options, r->why);
+    int rc = read_known_variables(r, r->store, &known, &n);
 
-    if (rc == 0)
-        rc = read_known_variables(r, store, &known, &n);
     if (rc == 0 && !(of = calloc(n + 1, sizeof(struct series *))))
         rc = apc_fail(r->why, APC_ENOMEM, "out of memory");
     if (rc == 0)
@@ -105,11 +98,10 @@ int identify_read_store(struct reading *r)
         for (size_t i = 0; i < n && rc == 0; i++) {
             const bool input = of[i] >= r->input && of[i] < r->input + r->inputs;
             if (of[i] && input == (pass == 1))
-                rc = read_series(r, store, &known[i], input,
+                rc = read_series(r, r->store, &known[i], input,
                                  &(struct collecting){.r = r, .to = of[i], .zero = &zero});
         }
     free(of);
     free(known);
-    apc_store_close(store);
     return rc;
 }

@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Records of signals, as apc identify and the page take them: the values of each by their times, and a grid that is
+ * laid over them. */
+#ifndef APC_GRID_H
+#define APC_GRID_H
+
+#include <apcidentify.h>
+#include <apcstore.h>
+
+#define IDENTIFY_SIGNALS 32 /* inputs or outputs, at most */
+
+/* What is wanted of a file; n 0: of a run all outputs of its controllers, and all measurements. */
+struct identify_selection {
+    char *input[IDENTIFY_SIGNALS], *output[IDENTIFY_SIGNALS];
+    size_t inputs, disturbances, outputs; /* disturbances are the last of the inputs */
+    double period;                        /* s; 0: that of the first output */
+    double from, to;                      /* s, of files; to 0: all */
+    apc_ns since, until;                  /* UTC, of stores; 0: all */
+    bool exchanged;                       /* inputs as the plant got them, not as they were written */
+};
+
+struct identify_data {
+    struct apc_record record;
+    char input[IDENTIFY_SIGNALS][APC_TAG_LEN], output[IDENTIFY_SIGNALS][APC_TAG_LEN];
+    char input_unit[IDENTIFY_SIGNALS][APC_TAG_LEN],
+        output_unit[IDENTIFY_SIGNALS][APC_TAG_LEN]; /* "": not said */
+    double begin;                                   /* time of the first sample */
+    struct identify_gaps {
+        size_t missing, longest;
+    } gaps[IDENTIFY_SIGNALS]; /* of each output */
+    double *memory;
+    size_t *runs; /* where each record begins that was read; NULL: there is one */
+};
+void identify_data_free(struct identify_data *data);
+
+struct series {
+    const char *name; /* NULL: not given */
+    char own[APC_TAG_LEN], unit[APC_TAG_LEN];
+    double *t, *value; /* s; NAN: Bad */
+    size_t n, room;
+};
+
+struct reading {
+    const char *file;
+    struct apc_store *store;
+    const struct identify_selection *selection;
+    struct series input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
+    size_t inputs, outputs;
+    double period; /* of the first output, s; 0: not said */
+    struct apc_error *why;
+};
+
+/* Returns 0 or APC_ENOMEM. */
+int series_add(struct reading *r, struct series *s, double t, double value);
+
+/* A signal of a run or a store. */
+struct known {
+    enum apc_table table;
+    int id;
+    char name[APC_TAG_LEN], unit[APC_TAG_LEN];
+    double period; /* s; 0: not said */
+};
+/* Which of them the selected signals are: of[i] goes with known[i], or is NULL. Without a selection inputs are
+ * all outputs of controllers, outputs all measurements. */
+int series_choose(struct reading *r, const struct known *known, size_t n, struct series **of);
+
+/* Of r->store, what it has of the selected time. Returns 0 or a negative error with the reason in r->why. */
+int stored_read(struct reading *r);
+
+/* Where they are from: @read takes them in, as stored_read() does. */
+struct grid_source {
+    const char *file; /* named in messages */
+    struct apc_store *store;
+    int (*read)(struct reading *r);
+};
+/*
+ * Inputs are held until the next one, also where they are Bad; measurements that are not Good or Uncertain, or
+ * not there, are missing. Returns 0 or a negative error with the file in why; identify_data_free() in either case.
+ */
+int grid_read(struct identify_data *data, const struct grid_source *from,
+              const struct identify_selection *selection, struct apc_error *why);
+
+#endif
