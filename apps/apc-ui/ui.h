@@ -182,7 +182,7 @@ void desks_free(struct desk desk[DESKS]);
 struct listing {
     pthread_mutex_t mutex; /* held while the store is asked */
     struct text json;
-    char why[200]; /* they could not be told; "": they were */
+    char why[320]; /* they could not be told; "": they were */
     apc_ns made;   /* monotonic; 0: never */
 };
 int listing_init(struct listing *listing);

@@ -12,7 +12,7 @@ struct fault {
     int http;         /* status; 0: nothing is wrong */
     const char *code; /* static */
     char field[32];
-    char message[200];
+    char message[320];
 };
 /* The first fault sticks. Returns false, so that `return fault_set(...)` reads well. */
 bool fault_set(struct fault *f, int http, const char *code, const char *field, const char *fmt, ...)

@@ -497,4 +497,24 @@ const char *why_cause_name(const struct why *w, const struct why_cause *cause);
 struct text;
 int why_json(const struct why_question *q, struct text *t, struct apc_error *why);
 
+/* ---- A loop on a model ---------------------------------------------------------------------- */
+
+/*
+ * A loop from an output of the plant to a measurement, as its controller would do with the tuning that it has in the
+ * experiment: at rest at @y0 and @u0 until its setpoint moves by @step, with which the curves begin; at half of them
+ * @load is added to its output on the way to the plant.
+ */
+struct loop_preview {
+    const struct experiment *e; /* with its laws; no switch has the controller's outputs */
+    size_t loop;                /* as controllers_loop() has it */
+    struct apc_transfer g;      /* what its output moves */
+    double y0, u0, step, load;
+    size_t n;      /* ticks */
+    double Ts;     /* result: s */
+    double *y, *u; /* result: [n] */
+};
+/* Returns 0 or a negative error; loop_preview_free() in either case. */
+int loop_preview_run(struct loop_preview *p, struct apc_error *why);
+void loop_preview_free(struct loop_preview *p);
+
 #endif

@@ -21,6 +21,7 @@ export interface PlotOptions {
   spans?: () => {colour: string; dash: number[]; curve: Series}[]; // of each point of a bin, from its least to its most value
   yLabel: string[]; // the first for which there is room
   xAxis: boolean;
+  seconds?: boolean; // along it, since something, and no times of day
   x: () => [number, number];
   y: () => Scale;
   yText?: (value: number) => string;
@@ -69,7 +70,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
     tzDate: t => uPlot.tzDate(new Date(t * 1000), zone === "UTC" ? "Etc/UTC" : zone),
     legend: {show: false},
     scales: {
-      x: {time: true, range: () => o.x()},
+      x: {time: !o.seconds, range: () => o.x()},
       y: {
         range: () => {
           const {low, high} = o.y();
@@ -81,7 +82,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
       axis({
         show: true,
         size: o.xAxis ? 46 : 8,
-        values: o.xAxis ? timeLabels : (_u, splits) => splits.map(() => ""),
+        values: o.seconds ? (_u, splits) => ticks(splits).map(one => `${one} s`) : o.xAxis ? timeLabels : (_u, splits) => splits.map(() => ""),
         ticks: {show: o.xAxis, stroke: () => colour("--grid"), size: 5},
         space: 90,
       }),

@@ -29,6 +29,7 @@ import {PlantsPage} from "./pages/plants";
 import {PredictionPage} from "./pages/prediction";
 import {TimingPage} from "./pages/timing";
 import {TrendPage} from "./pages/trend";
+import {WorkbenchPage} from "./pages/workbench";
 import {AlarmLine} from "./parts/alarmline";
 import {OnlyNow, PastBar, PastButton, pastByKey} from "./parts/past";
 import {Shape} from "./parts/shape";
@@ -124,6 +125,7 @@ function Whole(): JSX.Element {
         {page === "plants" && (past ? <OnlyNow title={tr("page.plants")} /> : <PlantsPage />)}
         {page === "logbook" && <LogBookPage />}
         {page === "health" && <HealthPage />}
+        {page === "workbench" && (past ? <OnlyNow title={tr("page.workbench")} /> : <WorkbenchPage about={about} />)}
       </main>
       <OpenFaceplate />
       <OpenWhy />

@@ -125,6 +125,52 @@ test("loops' health: asked until none is left, then verdicts, evidence and the t
   env.routes.set("/api/health", route);
 });
 
+const curve = (v: number[]) => ({t: v.map((_, i) => i), v});
+const tried = (Kp: number, stable = true) => ({Kp, tau_i: 10, tau_d: 0, stable, gain_margin: 3.1, phase_margin: 61, delay_margin: 5.4, sensitivity: 1.6, iae: 20, iae_disturbance: null, overshoot: 0, y: curve([1, 2, 2]), u: curve([0, 1, 1])});
+const cell = {input: "u1", output: "y1", integrating: false, gain: 10, zero: 0, tau1: 10, tau2: 0, dead_time: 1, error: {gain: 0.1, zero: null, tau1: null, tau2: null, dead_time: 0.1}, step: 1, response: [0, 5, 10], half: []};
+
+// Promise(page/workbench)
+test("workbench: what the record cannot tell, a model, tunings that are tried, and nothing to write where it is unstable", async () => {
+  const queries: Record<string, string>[] = [];
+  const found = {t: START, since: START - 600, until: START, period: 0.5, samples: 1200, inputs: ["u1"], outputs: [{name: "y1", fit: 20, white: 0, independent: 0, missing: 3, longest: 2}], cells: [cell]};
+  env.routes.set("/api/model", asked => asked.answer({error: {code: "record", message: "input 1 is 2 all the time"}}, 422));
+  env.routes.set("/api/preview", asked => {
+    queries.push(asked.query);
+    asked.answer({loop: 1, step: 1, begins: 50, suggested: {Kp: 0.5, tau_i: 10, tau_d: 0}, present: tried(0.2), proposed: tried(Number(asked.query.Kp ?? 0.5), asked.query.Kp == null)});
+  });
+  const was = model.plant.value!;
+  model.plant.value = {...was, loops: was.loops.map(each => (each.id === 1 ? {...each, tuning: ["tuning.1", "tuning.2"], parameters: ["Kp", "tau_i"]} : each))};
+  await show("workbench");
+  await settle();
+  await click(button("Identify"));
+  assert.equal(said(".workbench .complaint"), "input 1 is 2 all the time");
+  env.routes.set("/api/model", asked => asked.answer(found));
+  await click(button("Identify"));
+  await env.pass(0.1);
+  await settle();
+  assert.match(said(".workbench"), /1200 samples, one each 0.5 s/);
+  assert.match(said(".workbench"), /fits 20 % .*This model says little.*Missing samples: 3, at most 2 in a row/);
+  assert.match(said(".workbench .pairs"), /^Gain 10 ± 0.2 Time constant 10 s, not told by the record Dead time 1 ± 0.2 s$/);
+  assert.deepEqual(queries.at(-1), {loop: "1", gain: "10", zero: "0", tau1: "10", tau2: "0", dead_time: "1", integrating: "0", rule: "simc"});
+  assert.match(said("#workbench-commission ~ p"), /^Kp 0.2 → 0.5/);
+  assert.equal(button("Write the tuning").disabled, false);
+  const slider = document.querySelector<HTMLInputElement>(".workbench input[name=Kp]")!;
+  slider.value = "1";
+  slider.dispatchEvent(new window.Event("input", {bubbles: true}) as never);
+  await settle();
+  await env.pass(0.1);
+  await settle();
+  assert.equal(queries.at(-1)?.Kp, "5");
+  assert.match(said(".workbench"), /Unstable with this model/);
+  assert.equal(button("Write the tuning").disabled, true);
+  const who = model.session.value!;
+  model.session.value = {...who, role: "operator"};
+  await settle();
+  assert.match(said("main h1 + .say"), /engineer/);
+  model.session.value = who;
+  model.plant.value = was;
+});
+
 const cause = (input: string, kind: string, before: number | null, now: number | null, effect: number, rest: object = {}) => ({input, kind, unit: "m", before, now, status_before: "Good", status: "Good", written: null, author: null, event: null, effect, ...rest});
 
 // Promise(page/page-why): *Why?* beside an output, or an event that may have moved one, tells the causes by their effect, who wrote,

@@ -33,6 +33,8 @@ int plants_check(const char *path, struct apc_error *why);
 void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
 void get_why(struct ui *ui, struct request *r, struct apc_store *store);
 void get_health(struct ui *ui, struct request *r, struct apc_store *store);
+void get_model(struct ui *ui, struct request *r, struct apc_store *store);
+void get_preview(struct ui *ui, struct request *r, struct apc_store *store);
 void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);

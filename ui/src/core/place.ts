@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-export const pages = ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics", "prediction", "graphic", "plants", "logbook", "health"] as const;
+export const pages = ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics", "prediction", "graphic", "plants", "logbook", "health", "workbench"] as const;
 export type Page = (typeof pages)[number];
 
 export interface Place {

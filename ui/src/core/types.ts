@@ -413,3 +413,51 @@ export interface Write {
   waits?: boolean; // the same: it takes a second person
   changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null; over?: number}[]; // over: s, of a ramp
 }
+
+/** A transfer function: gain (zero s + 1) e^(-dead_time s) / ((tau1 s + 1) (tau2 s + 1)), by s where it integrates. */
+export interface Transfer {
+  gain: number;
+  zero: number;
+  tau1: number;
+  tau2: number;
+  dead_time: number;
+}
+
+export interface PlantModel {
+  t: number;
+  since: number;
+  until: number;
+  period: number;
+  samples: number;
+  inputs: string[];
+  outputs: {name: string; fit: number | null; white: number | null; independent: number | null; missing: number; longest: number}[];
+  cells: (Transfer & {input: string; output: string; integrating: boolean; error: {[name in keyof Transfer]: number | null}; step: number; response: number[]; half: number[]})[];
+}
+
+export interface PidTuning {
+  Kp: number;
+  tau_i: number;
+  tau_d: number;
+}
+
+export interface Tried extends PidTuning {
+  stable: boolean;
+  gain_margin: number | null;
+  phase_margin: number | null;
+  delay_margin: number | null;
+  sensitivity: number | null;
+  iae: number;
+  iae_disturbance: number;
+  overshoot: number;
+  y: {t: number[]; v: number[]};
+  u: {t: number[]; v: number[]};
+}
+
+export interface Preview {
+  loop: number;
+  step: number;
+  begins: number; // s: when the disturbance comes
+  suggested: PidTuning | null;
+  present: Tried | null;
+  proposed: Tried;
+}

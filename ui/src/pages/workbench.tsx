@@ -1,0 +1,447 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// From the plant's own record to another tuning: which time of it, the model that it gives, what a loop would do, and the write.
+import type {ComponentChildren, JSX} from "preact";
+import {useEffect, useMemo, useRef, useState} from "preact/hooks";
+import {useBarNow} from "../access";
+import {get} from "../core/api";
+import {Curve} from "../core/curve";
+import {env} from "../core/env";
+import {complaint, exact, fromUntil, missing, read} from "../core/format";
+import {holds} from "../core/history";
+import {live, microseconds, plant, serverNow, simulation, variable} from "../core/model";
+import {align, held, visible} from "../core/series";
+import {extent} from "../core/scale";
+import {padded, titles} from "../core/trend";
+import type {Loop, PidTuning, Plant, PlantModel, Preview, Transfer, Tried} from "../core/types";
+import {forget, send, slot} from "../core/writing";
+import {Stroke} from "../parts/pens";
+import {Nothing} from "../parts/nothing";
+import {Note} from "../parts/shape";
+import {WriteStatus} from "../parts/status";
+import {Tag} from "../parts/tag";
+import {type Line, plot} from "../plot";
+import {go} from "../router";
+import {onPrint, repaint} from "../theme";
+import {TrendChart, type TrendData} from "../trendchart";
+import {useCell} from "../usecell";
+import {tr} from "../core/texts";
+
+const TIMES = [{name: "workbench.last10min", seconds: 600}, {name: "workbench.last1h", seconds: 3600}, {name: "workbench.last8h", seconds: 28800}] as const;
+const LATE = 120; // s that a model may take: another engineer's comes first
+const SOON = 0.04; // s; what a slider passes on its way is not asked for
+const SIGNALS = 4; // of a model, as the server takes them
+const RULES = ["simc", "lambda", "relay"] as const;
+const TUNINGS = ["Kp", "tau_i", "tau_d"] as const;
+const NUMBERS = ["gain", "tau1", "tau2", "zero", "dead_time"] as const;
+const GOOD_FIT = 50; // %
+
+type Window = {since: number; until: number};
+type Name = (typeof TUNINGS)[number];
+type Cell = PlantModel["cells"][number];
+const none: Transfer & {integrating: boolean} = {gain: 0, zero: 0, tau1: 0, tau2: 0, dead_time: 0, integrating: false};
+
+/** Where its parameter of that name is. */
+const tuningOf = (loop: Loop, name: Name): string | undefined => loop.tuning[loop.parameters.indexOf(name)];
+/** From a measurement to an output of the plant, by numbers that the rules are of. */
+const isPid = (loop: Loop): boolean => loop.output?.startsWith("actuator.") === true && loop.measurement?.startsWith("sensor.") === true && loop.setpoint != null && tuningOf(loop, "Kp") != null && tuningOf(loop, "tau_i") != null;
+const rounded = (value: number): number => Number(value.toPrecision(4));
+
+export function WorkbenchPage({about}: {about: string | null}): JSX.Element {
+  const p = useCell(plant);
+  const barred = useBarNow("engineer");
+  const title = tr("page.workbench");
+  if (!p) return <Nothing title={title}>{tr("common.loadingPlant")}</Nothing>;
+  if (barred) return <Nothing title={title}>{barred}</Nothing>;
+  const loops = p.loops.filter(isPid);
+  const loop = about == null ? loops[0] : loops.find(one => one.name === about);
+  if (!loop) return <Nothing title={title}>{about == null ? tr("workbench.none") : tr("workbench.noSuch", {name: about})}</Nothing>;
+  return (
+    <section class="workbench">
+      <div class="toolbar">
+        <h1>{title}</h1>
+        <label>
+          {tr("overview.loop")}{" "}
+          <select value={loop.name} onChange={event => go("workbench", event.currentTarget.value)}>
+            {loops.map(one => <option key={one.id} value={one.name}>{one.name}</option>)}
+          </select>
+        </label>
+      </div>
+      <Bench key={loop.id} loop={loop} plant={p} />
+    </section>
+  );
+}
+
+function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
+  const name = (ref: string | null): string => variable(ref)?.name ?? "";
+  const [output, measurement] = [name(loop.output), name(loop.measurement)];
+  const [within, setWindow] = useState<Window>(() => now(600));
+  const [inputs, setInputs] = useState<string[]>([output]);
+  const [model, setModel] = useState<PlantModel | null>(null);
+  const [asked, setAsked] = useState<Window | null>(null);
+  const [error, setError] = useState<string | null>(null);
+  const [chosen, choose] = useState<(Transfer & {integrating: boolean}) | null>(null);
+  const wanted = useRef(0);
+
+  const identify = (): void => {
+    const mine = ++wanted.current;
+    const answered = (act: () => void): void => { if (mine === wanted.current) { setAsked(null); act(); } };
+    setAsked(within);
+    setError(null);
+    get<PlantModel>("/api/model", {inputs: inputs.join(","), outputs: measurement, ...within}, LATE).then(
+      found => answered(() => {
+        setModel(found);
+        const cell = found.cells.find(one => one.input === output && one.output === measurement);
+        choose(cell && cell.gain !== 0 ? cell : null);
+      }),
+      (reason: Error) => answered(() => { setModel(null); setError(reason.message); }),
+    );
+  };
+  useEffect(() => () => { wanted.current = -1; }, []);
+
+  const others = p.variables.filter(one => one.ref.startsWith("actuator.") && one.name !== output);
+  return (
+    <>
+      <Step n={1} name="data">
+        <p class="say">{tr("workbench.data.say")}</p>
+        <div class="entry-line">
+          {TIMES.map(one => <button key={one.seconds} type="button" onClick={() => setWindow(now(one.seconds))}>{tr(one.name)}</button>)}
+          <span class="say" data-since={within.since} data-until={within.until}>{fromUntil(within.since, within.until)}</span>
+        </div>
+        <Record loop={loop} within={within} choose={setWindow} />
+        {others.length > 0 && (
+          <fieldset>
+            <legend>{tr("workbench.inputs")}</legend>
+            {others.map(one => (
+              <label key={one.ref}>
+                <input
+                  type="checkbox"
+                  checked={inputs.includes(one.name)}
+                  disabled={!inputs.includes(one.name) && inputs.length >= SIGNALS}
+                  onChange={event => setInputs(event.currentTarget.checked ? [...inputs, one.name] : inputs.filter(other => other !== one.name))}
+                />{" "}
+                {one.name}
+              </label>
+            ))}
+          </fieldset>
+        )}
+      </Step>
+      <Step n={2} name="model">
+        <div class="entry-line">
+          <button type="button" class="primary" disabled={asked != null} onClick={identify}>{tr("workbench.identify")}</button>
+          <span class="say" role="status">{asked ? tr("workbench.identifying") : model ? tr("workbench.identified", {n: model.samples, period: exact(model.period), time: fromUntil(model.since, model.until)}) : ""}</span>
+        </div>
+        {error && <p class="complaint" role="alert">{error}</p>}
+        {model && <Model of={model} />}
+        <Numbers key={model?.t ?? 0} of={chosen} set={choose} />
+      </Step>
+      {chosen ? <Tune loop={loop} model={chosen} /> : <Step n={3} name="tune"><p class="say">{tr("workbench.noModel")}</p></Step>}
+    </>
+  );
+}
+
+function now(seconds: number): Window {
+  const until = microseconds(simulation.value?.t ?? serverNow());
+  return {since: microseconds(until - seconds), until};
+}
+
+function Step({n, name, children}: {n: number; name: "data" | "model" | "tune" | "commission"; children: ComponentChildren}): JSX.Element {
+  return (
+    <section class="panel" aria-labelledby={`workbench-${name}`}>
+      <h2 id={`workbench-${name}`}>{n} {tr(`workbench.${name}`)}</h2>
+      {children}
+    </section>
+  );
+}
+
+// ---- Data
+
+/** What was measured and put out; a drag chooses a part of it. */
+function Record({loop, within, choose}: {loop: Loop; within: Window; choose: (part: Window) => void}): JSX.Element {
+  const host = useRef<HTMLDivElement>(null);
+  const chart = useRef<TrendChart | null>(null);
+  const painted = useCell(repaint);
+  const [, redraw] = useState(0);
+  const curves = useMemo(() => [loop.measurement, loop.output].flatMap(ref => { const one = variable(ref); return one ? [new Curve(one)] : []; }), []);
+  const shown = (one: Curve): ReturnType<typeof held> => (holds(one.variable) && one.variable.period == null ? held(one.series, within.until) : one.series);
+  const data = (): TrendData => ({from: within.since, to: within.until, scales: curves.map(one => { const [low, high] = extent(visible(shown(one), within.since, within.until)); return isFinite(low) ? padded(low, high) : {low: 0, high: 1}; })});
+  const draw = useRef(shown);
+  draw.current = shown;
+  useEffect(() => {
+    const element = host.current as HTMLDivElement;
+    const panels = curves.map((one, i) => ({label: titles([one.variable]), pens: [{label: one.variable.name, colour: `--pen-${i + 1}`, dash: [], step: holds(one.variable), curve: () => draw.current(one)}]}));
+    const made = new TrendChart(element, panels, data(), (since, until) => choose({since, until}), () => {});
+    chart.current = made;
+    const sized = new ResizeObserver(() => made.resize());
+    sized.observe(element);
+    return () => {
+      sized.disconnect();
+      made.destroy();
+      for (const one of curves) one.stop();
+    };
+  }, []);
+  useEffect(() => {
+    for (const one of curves) one.fill(within.since, within.until, chart.current?.pixels ?? 800, false, () => redraw(n => n + 1));
+  }, [within]);
+  useEffect(() => chart.current?.show(data()));
+  useEffect(() => chart.current?.repaint(), [painted]);
+  const failed = curves.find(one => one.error != null)?.error;
+  return (
+    <>
+      {failed && <p class="complaint">{failed}</p>}
+      <div ref={host} class="plots" role="img" data-points={curves[0]?.series.t.length ?? 0} aria-label={tr("workbench.record.aria", {signals: curves.map(one => one.variable.name).join(", ")})} />
+    </>
+  );
+}
+
+// ---- Model
+
+const NOT_INDEPENDENT = 0.01;
+
+function Model({of}: {of: PlantModel}): JSX.Element {
+  return (
+    <>
+      {of.outputs.map(one => (
+        <p key={one.name} class="say">
+          {tr("workbench.fit", {signal: one.name, fit: one.fit == null ? missing : exact(Number(one.fit.toPrecision(3)))})}
+          {(one.fit == null || one.fit < GOOD_FIT) && <> <Note label={tr("workbench.poorFit")} /> {tr("workbench.poorFit")}</>}
+          {one.missing > 0 && <> {tr("workbench.missing", {n: one.missing, longest: one.longest})}</>}
+          {one.independent != null && one.independent < NOT_INDEPENDENT && one.fit != null && one.fit < 90 && <> {tr("workbench.dependent")}</>}
+        </p>
+      ))}
+      <div class="matrix">{of.cells.map(one => <Response key={`${one.input} ${one.output}`} of={one} />)}</div>
+    </>
+  );
+}
+
+const plusMinus = (value: number, error: number | null, unit: string): string => (error == null ? tr("workbench.untold", {value: `${exact(rounded(value))}${unit}`}) : `${exact(rounded(value))} ± ${exact(Number((1.96 * error).toPrecision(2)))}${unit}`);
+
+function Response({of}: {of: Cell}): JSX.Element {
+  const title = tr("workbench.response", {input: of.input, output: of.output});
+  const t = of.response.map((_, k) => k * of.step);
+  const side = (sign: number): number[] => of.response.map((value, k) => value + sign * (of.half[k] ?? 0));
+  if (of.gain === 0) return <figure><figcaption>{title}</figcaption><p class="say">{tr("workbench.noEffect")}</p></figure>;
+  const sure = of.half.length > 0;
+  return (
+    <figure>
+      <figcaption>{title}</figcaption>
+      <Curves
+        aria={tr("workbench.response.aria", {input: of.input, output: of.output, end: exact(rounded(of.response[of.response.length - 1] ?? 0))})}
+        label={title}
+        curves={[{colour: "--pen-1", t, v: of.response}, ...(sure ? [{colour: "--pen-1", dash: [4, 4], t, v: side(1)}, {colour: "--pen-1", dash: [4, 4], t, v: side(-1)}] : [])]}
+      />
+      <dl class="pairs">
+        {NUMBERS.filter(name => of[name] !== 0).map(name => <><dt>{tr(`workbench.${name}`)}</dt><dd>{plusMinus(of[name], of.error[name], name === "gain" ? "" : " s")}</dd></>)}
+      </dl>
+      {of.integrating && <p class="say">{tr("workbench.integrating")}</p>}
+      {!sure && <p class="say"><Note label={tr("workbench.unsure")} /> {tr("workbench.unsure")}</p>}
+    </figure>
+  );
+}
+
+/** The model that is tuned by: as it was found, or as somebody who knows better says. */
+function Numbers({of, set}: {of: (Transfer & {integrating: boolean}) | null; set: (to: Transfer & {integrating: boolean}) => void}): JSX.Element {
+  const [typed, type] = useState<Partial<Record<keyof Transfer, string>>>({});
+  const edit = (name: keyof Transfer, text: string): void => {
+    type({...typed, [name]: text});
+    const value = read(text).value;
+    if (value != null && (name === "gain" || name === "zero" || value >= 0)) set({...(of ?? none), [name]: value});
+  };
+  return (
+    <details>
+      <summary>{tr("workbench.byHand")}</summary>
+      <div class="entry-line">
+        {NUMBERS.map(name => {
+          const wrong = typed[name] == null ? null : complaint(typed[name] as string, name === "gain" || name === "zero" ? null : 0, null);
+          return (
+            <label key={name}>
+              {tr(`workbench.${name}`)}{" "}
+              <input type="text" inputMode="decimal" size={8} name={name} aria-invalid={wrong != null} title={wrong ?? undefined} value={typed[name] ?? exact(rounded(of?.[name] ?? 0))} onInput={event => edit(name, event.currentTarget.value)} />
+              {name === "gain" ? "" : " s"}
+            </label>
+          );
+        })}
+      </div>
+    </details>
+  );
+}
+
+// ---- Tune, commission
+
+function Tune({loop, model}: {loop: Loop; model: Transfer & {integrating: boolean}}): JSX.Element {
+  const names = TUNINGS.filter(name => tuningOf(loop, name) != null);
+  const present = names.map(name => useCell(live(tuningOf(loop, name) as string))); // one loop, one number of them
+  const [rule, setRule] = useState<string>("simc");
+  const [tauC, setTauC] = useState<number | null>(null);
+  const [moved, move] = useState<Partial<PidTuning>>({});
+  const [preview, setPreview] = useState<Preview | null>(null);
+  const [error, setError] = useState<string | null>(null);
+  const is = present.map(one => one.value).join();
+
+  useEffect(() => {
+    let wanted = true;
+    const {gain, zero, tau1, tau2, dead_time, integrating} = model;
+    const stop = env.later(() => {
+      get<Preview>("/api/preview", {loop: loop.id, gain, zero, tau1, tau2, dead_time, integrating: integrating ? 1 : 0, rule, tau_c: rule === "relay" ? null : tauC, ...moved}).then(
+        found => { if (wanted) { setPreview(found); setError(null); } },
+        (reason: Error) => wanted && setError(reason.message),
+      );
+    }, SOON);
+    return () => { wanted = false; stop(); };
+  }, [model, rule, tauC, moved, is]);
+
+  const slow = Math.max(model.tau1 + model.tau2, model.dead_time, 1e-3);
+  const set = (name: Name, value: number): void => move({...moved, [name]: rounded(value)});
+  const proposed = preview?.proposed;
+  return (
+    <>
+      <Step n={3} name="tune">
+        <div class="entry-line">
+          <label>
+            {tr("workbench.rule")}{" "}
+            <select value={rule} onChange={event => { setRule(event.currentTarget.value); move({}); }}>
+              {RULES.map(one => <option key={one} value={one}>{tr(`workbench.rule.${one}`)}</option>)}
+            </select>
+          </label>
+          <button type="button" disabled={Object.keys(moved).length === 0} onClick={() => move({})}>{tr("workbench.suggested")}</button>
+        </div>
+        {rule !== "relay" && <Slider name="tau_c" label={tr("workbench.tau_c")} unit="s" value={tauC ?? (model.dead_time > 0 ? model.dead_time : slow / 2)} middle={slow / 2} decades={1.5} set={value => { setTauC(rounded(value)); move({}); }} />}
+        {proposed && names.map(name => {
+          const middle = preview.suggested?.[name] || preview.present?.[name] || 0;
+          return middle === 0 ? null : <Slider key={name} name={name} label={<Tag name={name} />} unit={variable(tuningOf(loop, name) ?? null)?.unit ?? ""} value={proposed[name]} middle={middle} decades={1} set={value => set(name, value)} />;
+        })}
+        {error && <p class="complaint" role="alert">{error}</p>}
+        {preview && proposed && <><Responses of={preview} loop={loop} /><Margins of={preview} /></>}
+      </Step>
+      {proposed && <Step n={4} name="commission"><Commission loop={loop} names={names} proposed={proposed} wrong={error != null || !proposed.stable} /></Step>}
+    </>
+  );
+}
+
+/** Along a scale of factors: in its middle what is suggested. */
+function Slider({name, label, unit, value, middle, decades, set}: {name: string; label: ComponentChildren; unit: string; value: number; middle: number; decades: number; set: (value: number) => void}): JSX.Element {
+  const at = Math.log10(value / middle);
+  return (
+    <label class="slider">
+      <span>{label}</span>
+      <input type="range" name={name} min={-decades} max={decades} step={0.01} value={isFinite(at) ? at : 0} aria-valuetext={`${exact(rounded(value))} ${unit}`} onInput={event => set(middle * 10 ** Number(event.currentTarget.value))} />
+      <output class="digits">{exact(rounded(value))} <span class="unit">{unit}</span></output>
+    </label>
+  );
+}
+
+function Responses({of, loop}: {of: Preview; loop: Loop}): JSX.Element {
+  const curves = (which: "y" | "u") => [...(of.present ? [{colour: "--label", dash: [5, 4], ...of.present[which]}] : []), {colour: "--pen-1", ...of.proposed[which]}];
+  return (
+    <>
+      <p class="say">
+        {of.present && <><Stroke pen={{colour: "--label", dash: [5, 4]}} /> {tr("workbench.present")} </>}
+        <Stroke pen={{colour: "--pen-1", dash: []}} /> {tr("workbench.proposed")}
+        {" "}{tr("workbench.preview.say", {step: exact(rounded(of.step)), begins: exact(rounded(of.begins))})}
+      </p>
+      <div class="matrix">
+        {(["y", "u"] as const).map(which => {
+          const signal = variable(which === "y" ? loop.measurement : loop.output);
+          return <Curves key={which} label={signal?.name ?? which} aria={tr("workbench.preview.aria", {signal: signal?.name ?? which})} step={which === "u"} curves={curves(which)} />;
+        })}
+      </div>
+    </>
+  );
+}
+
+function Margins({of: {present, proposed}}: {of: Preview}): JSX.Element {
+  const rows: {name: "gain_margin" | "phase_margin" | "delay_margin" | "sensitivity" | "overshoot" | "iae" | "iae_disturbance"; unit: string; value: (of: Tried) => number | null}[] = [
+    {name: "gain_margin", unit: "", value: one => one.gain_margin},
+    {name: "phase_margin", unit: "°", value: one => one.phase_margin},
+    {name: "delay_margin", unit: "s", value: one => one.delay_margin},
+    {name: "sensitivity", unit: "", value: one => one.sensitivity},
+    {name: "overshoot", unit: "%", value: one => one.overshoot},
+    {name: "iae", unit: "", value: one => one.iae},
+    {name: "iae_disturbance", unit: "", value: one => one.iae_disturbance},
+  ];
+  const said = (one: Tried | null, of: (one: Tried) => number | null, unit: string): string => { const value = one && of(one); return value == null ? missing : `${exact(Number(value.toPrecision(3)))}${unit && ` ${unit}`}`; };
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label={tr("workbench.margins")}>
+      {!proposed.stable && <p class="complaint" role="alert"><Note grave label={tr("workbench.unstable")} /> {tr("workbench.unstable")}</p>}
+      <table class="data">
+        <caption>{tr("workbench.margins")}</caption>
+        <thead><tr><th scope="col"><span class="hidden">{tr("workbench.margins")}</span></th><th scope="col" class="number">{tr("workbench.present")}</th><th scope="col" class="number">{tr("workbench.proposed")}</th></tr></thead>
+        <tbody>
+          {rows.map(({name, unit, value}) => (
+            <tr key={name}>
+              <th scope="row">{tr(`workbench.${name}`)}</th>
+              <td class="number">{said(present, value, unit)}</td>
+              <td class="number" data-proposed={name}>{said(proposed, value, unit)}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+/** The ordinary write of a tuning: nothing of it happens before somebody presses, and not over what another has written since. */
+function Commission({loop, names, proposed, wrong}: {loop: Loop; names: readonly Name[]; proposed: PidTuning; wrong: boolean}): JSX.Element {
+  const at = `workbench.${loop.id}`;
+  const view = useCell(slot(at));
+  const changes = names.flatMap(name => {
+    const ref = tuningOf(loop, name) as string;
+    const [one, is] = [variable(ref), live(ref).value];
+    return one && is.value !== proposed[name] ? [{name, id: one.id, value: proposed[name], was: is.value, seq: is.seq}] : [];
+  });
+  const text = changes.map(({name, was, value}) => `${name} ${exact(was)} → ${exact(value)}`).join(", ");
+  const write = (): void => {
+    if (view && view.phase !== "pending") forget(at);
+    void send(at, "tuning", {values: changes.map(({id, value, seq}) => ({id, value, seq}))}, text);
+  };
+  return (
+    <>
+      <p>{changes.length > 0 ? text : tr("workbench.inForce")}</p>
+      <div class="entry-line"><button type="button" class="primary" disabled={wrong || changes.length === 0 || view?.phase === "pending"} onClick={write}>{tr("workbench.write")}</button></div>
+      <WriteStatus of={at} retry={write} />
+    </>
+  );
+}
+
+// ---- Curves over seconds
+
+interface Drawn {
+  colour: string;
+  dash?: number[];
+  t: number[];
+  v: number[];
+}
+
+const HEIGHT = 200; // px
+
+function Curves({curves, label, aria, step = false}: {curves: Drawn[]; label: string; aria: string; step?: boolean}): JSX.Element {
+  const host = useRef<HTMLDivElement>(null);
+  const painted = useCell(repaint);
+  const lines = curves.map(({colour, dash}): Line => ({label, colour, dash, width: dash ? 1.5 : 2, step}));
+  const newest = useRef(curves);
+  newest.current = curves;
+  const drawn = useRef<ReturnType<typeof plot> | null>(null);
+  const show = (): void => drawn.current?.setData(align(newest.current.map(({t, v}) => ({t, columns: [v]}))) as Parameters<ReturnType<typeof plot>["setData"]>[0]);
+  useEffect(() => {
+    const element = host.current as HTMLDivElement;
+    const made = plot(element, HEIGHT, {
+      lines,
+      yLabel: [label],
+      xAxis: true,
+      seconds: true,
+      x: () => [0, Math.max(1e-9, ...newest.current.map(one => one.t[one.t.length - 1] ?? 0))],
+      y: () => padded(...extent(newest.current.flatMap(one => one.v))),
+    });
+    drawn.current = made;
+    const sized = new ResizeObserver(() => made.setSize({width: Math.max(200, element.clientWidth), height: HEIGHT}));
+    sized.observe(element);
+    const printed = onPrint(() => made.redraw(false, true));
+    return () => {
+      printed();
+      sized.disconnect();
+      made.destroy();
+    };
+  }, [curves.length]);
+  useEffect(show, [curves]);
+  useEffect(() => drawn.current?.redraw(false, true), [painted]);
+  return <div ref={host} class="plots" role="img" aria-label={aria} data-points={curves[0]?.t.length ?? 0} />;
+}

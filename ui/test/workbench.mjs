@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The engineer's workbench, on the loop of the paper: gain 10, time constant 10 s. Its setpoint moves each 150 s.
+import assert from "node:assert/strict";
+import {readFileSync} from "node:fs";
+import {createRequire} from "node:module";
+import {after, before, test} from "node:test";
+import {launch, open, until} from "./lib.mjs";
+
+const T0 = 946684800; // 2000-01-01, Unix s
+let browser;
+before(async () => (browser = await launch()));
+after(() => browser.close());
+
+const state = page => page.evaluate(async () => (await fetch("api/state")).json());
+const press = (page, name) => page.locator("main").getByRole("button", {name, exact: true}).click();
+const number = text => Number(text.replace("\u2212", "-").split(" ")[0]);
+const found = async (page, name) => number(await page.locator(`.workbench figure dt:text-is("${name}") + dd`).first().textContent());
+const proposed = async (page, name) => number(await page.locator(`.workbench .slider:has([name=${name}]) output`).textContent());
+
+// Promise(page/workbench): The engineer's *Workbench* goes from the plant's record to a model, to a tuning that is tried beside
+//   the present one, and to its write, by keyboard as well, on a narrow screen, in both languages.
+test("from a record to a tuning that is written", {timeout: 300000}, async () => {
+  const page = await open(browser, "workbench", {viewport: {width: 400, height: 800}});
+  await until("there is a record", async () => (await state(page)).simulation.t > T0 + 650);
+  await press(page, "last 10 min");
+  await press(page, "Identify");
+  await until("there is a model", () => page.locator(".workbench figure .u-over").first().isVisible());
+  assert.ok(Math.abs((await found(page, "Gain")) - 10) < 0.5);
+  assert.ok(Math.abs((await found(page, "Time constant")) - 10) < 0.5);
+
+  const slider = page.locator(".workbench input[name=tau_c]");
+  await slider.waitFor();
+  await until("a tuning is suggested", async () => (await proposed(page, "Kp")) > 0.2);
+  const before = await proposed(page, "Kp");
+  await slider.focus();
+  await page.keyboard.press("End");
+  await until("a calmer one is", async () => (await proposed(page, "Kp")) < before / 4);
+  await page.locator(".workbench input[name=Kp]").focus();
+  const calm = await proposed(page, "Kp");
+  await page.keyboard.press("ArrowRight");
+  await until("one's own", async () => (await proposed(page, "Kp")) > calm);
+
+  assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
+  await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
+  for (const colorScheme of ["light", "dark"]) {
+    await page.emulateMedia({colorScheme});
+    const axe = await page.evaluate(() => window.axe.run(document, {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"], resultTypes: ["violations"]}));
+    assert.deepEqual(axe.violations.map(({id, nodes}) => `${id}: ${nodes[0].html} ${nodes[0].failureSummary}`), [], colorScheme);
+  }
+
+  const wanted = await proposed(page, "Kp");
+  await page.getByRole("button", {name: "Write the tuning", exact: true}).focus();
+  await page.keyboard.press("Enter");
+  await until("it is applied", async () => (await page.locator("[data-slot='workbench.1']").getAttribute("data-phase")) === "applied");
+  const {values} = await state(page);
+  assert.equal(values["tuning.1"][2], wanted);
+  await until("it is in force", async () => /in force/.test(await page.locator("#workbench-commission ~ p").textContent()));
+
+  await page.locator("header .language select").selectOption("de");
+  await until("in German", async () => (await page.locator("h1").textContent()) === "Werkbank");
+  await page.evaluate(() => (location.hash = "workbench?at=2000-01-01T00:05:00Z"));
+  await until("it is of now alone", () => page.locator("main h1 + .say button").isVisible());
+  assert.deepEqual(page.complaints, []);
+});
