@@ -779,7 +779,7 @@ export const en = {
   "workbench.fit": "{signal}: the model's free run fits {fit} % of what it was not fitted to.",
   "workbench.poorFit": "This model says little.",
   "workbench.missing": "Missing samples: {n}, at most {longest} in a row.",
-  "workbench.dependent": "What is left still depends on the inputs: there is more than the model says.",
+  "workbench.dependent": "The residuals still depend on the inputs: there is more than the model says.",
   "workbench.untold": "{value}, not told by the record",
   "workbench.response": "{input} → {output}",
   "workbench.response.aria": "step response from {input} to {output}, up to {end}",
