@@ -329,8 +329,15 @@ static double unexplained_input(const struct apc_record *r, size_t j, bool with_
     return R[width * width - 1];
 }
 
+/* When what moved the input at change @p c was measured: where every second change is looked at, before the share of the
+ * first one, since what came after may be the plant's answer. */
+static size_t seen_at(const size_t *at, size_t c, size_t every)
+{
+    return at[c] - (every > 1 && c > 0 && at[c - 1] + 1 == at[c]);
+}
+
 /* The same at each @p every of the samples where the input changes, from change @p of on, of a controller that ticks
- * less often than it is sampled; each with what was measured there and a sample before. Returns the rows there are. */
+ * less often than it is sampled; each with what was measured then and a sample before. Returns the rows there are. */
 static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y, size_t every, size_t of,
                               double *Q, double *R, double *left)
 {
@@ -357,7 +364,8 @@ static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y,
             for (size_t i = 1; i <= past; i++)
                 Q[c++ * rows + filled] = u[at[n - 1 - every * i] * inputs];
             for (size_t i = 0; i < numbers; i++) {
-                const double y = r->y[(at[n - 1 - every * (i / 2 / ny)] - i / ny % 2) * ny + i % ny];
+                const double y =
+                    r->y[(seen_at(at, n - 1 - every * (i / 2 / ny), every) - i / ny % 2) * ny + i % ny];
 
                 there &= isfinite(y) != 0;
                 if (with_y)

@@ -157,6 +157,27 @@ static void seldom_feedback(struct record_test *t)
     for (size_t k = 1; k < N; k++)
         t->u[k * INPUTS + 2] = k % 3 ? t->u[(k - 1) * INPUTS + 2] : -0.7 * t->y[k * 2 + 1];
 }
+/* Input 3 moves by half a sample before every fifth one: to where a controller or, @p by_hand, a person wants it. The
+ * second output is what the plant makes of it. */
+static void move_between(struct record_test *t, bool by_hand)
+{
+    double level = 0.0, *const u = t->u + 2, *const y = t->y + 1;
+    for (size_t k = 1; k < N; k++) {
+        const double was = level;
+        y[k * 2] =
+            0.6 * y[(k - 1) * 2] + 0.4 * u[(k - 1) * INPUTS] + (by_hand ? 0.0 : 0.1 * sin((double)(k * k)));
+        level = k % 5 ? level : by_hand ? sin((double)(k * k)) : -0.7 * y[k * 2];
+        u[k * INPUTS] = (was + level) / 2.0;
+    }
+}
+static void moved_between(struct record_test *t)
+{
+    move_between(t, true);
+}
+static void feedback_between(struct record_test *t)
+{
+    move_between(t, false);
+}
 static void measured_feedback(struct record_test *t) /* a disturbance is nobody's output */
 {
     seldom_feedback(t);
@@ -203,6 +224,10 @@ static const struct {
     {feedback, "input 2 does nothing but what a controller makes of the measurements: then the plant cannot "
                "be told from the controller. Record steps of the setpoint, or of the output in Man"},
     {seldom_feedback,
+     "input 3 does nothing but what a controller makes of the measurements: then the plant cannot be told "
+     "from the controller. Record steps of the setpoint, or of the output in Man"},
+    {moved_between, "it is taken"},
+    {feedback_between,
      "input 3 does nothing but what a controller makes of the measurements: then the plant cannot be told "
      "from the controller. Record steps of the setpoint, or of the output in Man"},
     {measured_feedback, "it is taken"},
