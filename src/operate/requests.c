@@ -214,6 +214,18 @@ static bool is_wrong(const struct requests *r, struct look *l)
     return rc < 0 && note_outcome(l, "refused: %s", l->why.text);
 }
 
+/* Nobody could approve the mode of all: it is asked for of each loop. */
+static bool takes_two_of_all(const struct requests *r, struct look *l)
+{
+    const struct loops *loops = r->plant.view.loops;
+    size_t i = l->request->table == APC_OPMODE && l->request->variable == 0 ? 0 : loops->n_controllers;
+    while (i < loops->n_controllers && !(loops_second(loops, APC_TICK, loops->controller[i].number) > 0))
+        i++;
+    return i < loops->n_controllers &&
+           note_outcome(l, "refused: the modes of %.60s take two persons: ask for one loop at a time",
+                        loops->controller[i].name);
+}
+
 /* What is written for nobody comes into force later. */
 static bool is_for_nobody(struct look *l)
 {
@@ -329,7 +341,8 @@ static int handle(struct requests *r, const struct apc_request *request)
         return settle_request(r, &l);
     if ((rc = operation_read(&l.operation, r->live)) < 0)
         return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
-    if (is_past(&l, r->most, r->from.ahead ? r->from.ahead : r->most) || is_wrong(r, &l) || is_for_nobody(&l))
+    if (is_past(&l, r->most, r->from.ahead ? r->from.ahead : r->most) || is_wrong(r, &l) ||
+        takes_two_of_all(r, &l) || is_for_nobody(&l))
         return say_outcome(r, &l, 0, l.said);
     return do_it(r, &l);
 }

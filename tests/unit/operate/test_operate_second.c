@@ -221,6 +221,44 @@ static void of_two_at_once_one_has_his_way(void **state)
     free(o.change);
 }
 
+static struct apc_request of_all = {
+    .id = 1, .left = S, .table = APC_OPMODE, .value = APC_MODE_MAN, .seq = -1, .author = "anna"};
+static char outcome[192];
+
+static int give_of_all(void *ctx, apc_request_fn fn, void *fn_ctx)
+{
+    (void)ctx;
+    (void)fn(fn_ctx, &of_all);
+    return 1;
+}
+
+static int take_outcome(void *ctx, int64_t id, int64_t seq, const char *text)
+{
+    (void)ctx;
+    (void)id;
+    assert_int_equal(seq, 0);
+    snprintf(outcome, sizeof outcome, "%s", text);
+    return 0;
+}
+
+/* Promise(modes/two-persons) */
+static void the_mode_of_all_from_a_history_is_no_way_round(void **state)
+{
+    const struct requests_source from = {
+        .give = give_of_all, .answer = take_outcome, .marks = REQUESTS_OF_HISTORY};
+    const int64_t before = newest(APC_OPMODE, LOOP_U).seq;
+    struct requests *requests;
+    struct apc_error error;
+    (void)state;
+
+    of_all.time = apc_clock_utc(NULL) / 1000 * 1000;
+    assert_int_equal(requests_create_of(&requests, store, &from, 60 * S, &error), 0);
+    assert_int_equal(requests_step(requests), 0);
+    assert_string_equal(outcome, "refused: the modes of base take two persons: ask for one loop at a time");
+    assert_int_equal(newest(APC_OPMODE, LOOP_U).seq, before);
+    requests_destroy(requests);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -233,6 +271,7 @@ int main(void)
         T(what_cannot_be_written_meanwhile_is_not),
         T(all_of_a_controller_takes_two_and_a_ramp_is_stopped_by_one),
         T(of_two_at_once_one_has_his_way),
+        T(the_mode_of_all_from_a_history_is_no_way_round),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
