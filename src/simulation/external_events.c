@@ -216,7 +216,7 @@ static void look_for_ramps(struct simulation *s)
 /* ---- What is repeated ----------------------------------------------------------------------- */
 
 /* Begin and end are those of the plant's tick that is now. What was seen before is passed over. */
-static void start_fault(struct simulation *s, size_t i, const struct experiment_fault *fault)
+static void start_fault(struct simulation *s, size_t i, apc_ns *at)
 {
     const apc_ns now = apc_clock_mono(s->clock) - s->zero - s->e->plant.rhythm.phase;
     struct apc_sample row = {.table = APC_OPMODE, .id = LOOPS_FAULT(i)};
@@ -224,14 +224,13 @@ static void start_fault(struct simulation *s, size_t i, const struct experiment_
     if (row.seq == s->fault_seen[i])
         return;
     s->fault_seen[i] = row.seq;
-    *fault->at = row.value == 0 ? FAULT_NEVER : now > 0 ? now : 0;
+    *at = row.value == 0 ? FAULT_NEVER : now > 0 ? now : 0;
 }
 
 static void see_faults(struct simulation *s)
 {
-    struct experiment_fault fault;
-    for (size_t i = 0; (fault = experiment_fault(s->e, i)).kind; i++)
-        start_fault(s, i, &fault);
+    for (size_t i = 0; i < s->n_faults; i++)
+        start_fault(s, i, experiment_fault(s->e, i).at);
 }
 
 void simulation_see_writes(struct simulation *s)

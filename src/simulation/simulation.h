@@ -95,7 +95,9 @@ struct simulation {
     void (*measured)(void *ctx, struct apc_sample *y, size_t n); /* before they are stored; NULL: nobody */
     void *measured_ctx;
 
-    int64_t *fault_seen; /* [faults] seq of the row that started or stopped it, as far as it is seen */
+    size_t n_faults;
+    int64_t *fault_seen; /* [n_faults] seq of the row that started or stopped it, as far as it is seen */
+    apc_ns *fault_at;    /* [n_faults] when it begins by the experiment, which has that again afterwards */
 
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "modules/controller.h"
+#include "operate/operate.h"
 #include "simulation/simulation.h"
 
 static const char text[] =
@@ -61,10 +62,37 @@ static void beyond_its_range_it_is_bridged_then_the_fault_value_and_back(void **
     experiment_free(&e);
 }
 
+/* Of a session that is judged, or rewound, there are more runs than one. */
+static void a_fault_that_was_stopped_begins_in_the_next_run_as_ever(void **state)
+{
+    const struct experiment_source from = {.file = "range.conf", .text = text};
+    struct apc_sample stop = {
+        .table = APC_OPMODE, .id = LOOPS_FAULT(0), .seq = 1, .time = SIMULATION_BEGIN + 35 * APC_NS_PER_S};
+    const struct samples stopped = {.at = &stop, .n = 1};
+    struct apc_sample y = {.table = APC_SENSOR, .id = 1};
+    struct experiment e;
+    struct simulation s;
+    struct apc_error why;
+    (void)state;
+    if (experiment_parse(&e, &from, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    for (int run = 0; run < 2; run++) {
+        if (simulation_create(&s, &e, 1, &why) < 0)
+            fail_msg("%s", why.text);
+        assert_true(run > 0 || simulation_repeat_writes(&s, &stopped) >= 0);
+        assert_int_equal(simulation_run(&s, 40), 0);
+        assert_int_equal(apc_store_read(s.store, &y, 1), 0);
+        assert_int_equal(y.status, run > 0 ? APC_BAD_OUT_OF_RANGE : APC_GOOD);
+        simulation_destroy(&s);
+    }
+    experiment_free(&e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(beyond_its_range_it_is_bridged_then_the_fault_value_and_back),
+        cmocka_unit_test(a_fault_that_was_stopped_begins_in_the_next_run_as_ever),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
