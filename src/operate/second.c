@@ -230,6 +230,10 @@ int operation_approve(struct operation *o, struct apc_store *store, apc_ns only,
         rc = change_fail(why, APC_EPERM, "second",
                          "what %s has asked for had to be approved within %g s: ask for %.60s again",
                          first->asker, apc_ns_to_s(first->until - first->row.time), first->to.name);
+    else if (!refuses && !first->asker[0])
+        rc = change_fail(why, APC_EPERM, "second",
+                         "who has asked for %.60s is not known, so nobody approves it: ask for it again",
+                         first->to.name);
     else if (!refuses && !strcmp(first->asker, o->author))
         rc = change_fail(why, APC_EPERM, "second",
                          "%s has asked for it, so somebody else has to approve it: %.60s waits", o->author,

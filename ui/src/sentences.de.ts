@@ -258,6 +258,7 @@ export const sentences: Record<string, string> = {
   "nothing of \"{=}\" waits for a second person": "nichts von „{1}“ wartet auf eine zweite Person",
   "it was asked for, but that was not recorded as an event: {}": "es ist beantragt, aber nicht als Ereignis aufgezeichnet: {1}",
   "it was refused, but not recorded as an event: {}": "es ist abgelehnt, aber das ist nicht als Ereignis aufgezeichnet: {1}",
+  "who has asked for {=} is not known, so nobody approves it: ask for it again": "wer {1} beantragt hat, ist nicht bekannt, also genehmigt es niemand: noch einmal beantragen",
   "it does not wait for a second person: it was approved or refused": "es wartet nicht auf eine zweite Person: es ist genehmigt oder abgelehnt",
   "what {=} has asked for had to be approved within {=} s: ask for {=} again": "was {1} beantragt hat, war binnen {2} s zu genehmigen: {3} neu beantragen",
   "{=} has asked for it, so somebody else has to approve it: {=} waits": "{1} hat es beantragt, also muss es jemand anderes genehmigen: {2} wartet",

@@ -137,6 +137,22 @@ static void nobody_approves_what_he_has_asked_for(void **state)
     assert_int_equal(waits(), 1);
 }
 
+/* Whoever it was might be the one who approves it. */
+static void what_nobody_known_has_asked_for_is_not_approved(void **state)
+{
+    struct change_fault why;
+    (void)state;
+
+    append((struct apc_sample){
+        .table = APC_SETPOINT, .id = LOOPS_ASKED(SET_W), .time = apc_clock_utc(NULL), .value = 12});
+    assert_string_equal(answers("otto", "w", false, &why), "second");
+    assert_string_equal(why.text,
+                        "who has asked for w is not known, so nobody approves it: ask for it again");
+    assert_near(w(), 5, 0);
+    assert_string_equal(answers("otto", "w", true, &why), "");
+    assert_int_equal(waits(), 0);
+}
+
 /* Promise(modes/two-persons) */
 static void what_waits_is_asked_for_once_and_withdrawn_or_refused(void **state)
 {
@@ -266,6 +282,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(what_one_has_asked_for_another_approves),
         T(nobody_approves_what_he_has_asked_for),
+        T(what_nobody_known_has_asked_for_is_not_approved),
         T(what_waits_is_asked_for_once_and_withdrawn_or_refused),
         T(what_is_not_approved_in_time_is_asked_for_again),
         T(what_cannot_be_written_meanwhile_is_not),
