@@ -25,12 +25,11 @@ struct check_session {
 
 static void add_person(struct check_session *s, const char *name)
 {
-    char list[sizeof s->who + 2], wanted[APC_AUTHOR_LEN + 3];
+    char list[sizeof s->who + 4], wanted[APC_AUTHOR_LEN + 5];
     const size_t used = strlen(s->who);
-    snprintf(list, sizeof list, "%s, ", s->who);
-    snprintf(wanted, sizeof wanted, "%.*s, ", (int)sizeof wanted - 3, name);
-    const char *at = strstr(list, wanted);
-    if ((!at || (at > list && at[-1] != ' ')) && used + strlen(name) + 3 < sizeof s->who)
+    snprintf(list, sizeof list, ", %s, ", s->who);
+    snprintf(wanted, sizeof wanted, ", %.*s, ", (int)sizeof wanted - 5, name);
+    if (!strstr(list, wanted) && used + strlen(name) + 3 < sizeof s->who)
         snprintf(s->who + used, sizeof s->who - used, "%s%s", used > 0 ? ", " : "", name);
 }
 
