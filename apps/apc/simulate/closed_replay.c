@@ -178,10 +178,10 @@ static void put_closed_json(const struct closed_answer *a, const char *dir, stru
 
 static double range_of(const struct experiment *e, const struct apc_sample *row)
 {
-    const struct apc_tag *tag = row->table == APC_SENSOR && (size_t)row->id <= e->dim.ny
-                                    ? &e->y[row->id - 1].tag
-                                : row->table == APC_ACTUATOR ? &e->u[row->id - 1].tag
-                                                             : NULL;
+    const size_t at = (size_t)row->id - 1;
+    const struct apc_tag *tag = row->table == APC_SENSOR && at < e->dim.ny     ? &e->y[at].tag
+                                : row->table == APC_ACTUATOR && at < e->dim.nu ? &e->u[at].tag
+                                                                               : NULL;
     return tag && tag->high > tag->low ? tag->high - tag->low : HUGE_VAL;
 }
 

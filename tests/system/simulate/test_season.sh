@@ -89,5 +89,8 @@ expect 2 'plant.parameters.K: only settings of controllers' "$apc" replay half -
 expect 2 'goes with --law and --set' "$apc" replay half --closed
 expect 2 'goes with --law and --set' "$apc" replay half --closed --law pid --tolerance 1
 expect 1 'nowhere: there is no such file or folder' "$apc" replay nowhere --closed --law pid
-rm half/samples.csv half/samples.columns
+sed -i '2i 0,actuator,1000000,Good,1' half/samples.csv # a row that is none of the experiment's
+rm half/samples.columns
+expect 0 '^unchanged, it is at most' "$apc" replay half --closed --law pid
+rm half/samples.csv
 expect 1 'samples.csv' "$apc" replay half --closed --law pid
