@@ -162,6 +162,15 @@ static double start_within(double value, double low, double high)
     return isnan(value) ? fmin(fmax(0.0, low), high) : value;
 }
 
+/* In an FMU each is called something else, and one of FMI 3 is the time. */
+static bool is_name_taken(const struct standalone *s, const char *name)
+{
+    bool taken = strcmp(name, "time") == 0;
+    for (size_t i = 0; i < s->n && !taken; i++)
+        taken = strcmp(s->variable[i].tag.name, name) == 0;
+    return taken;
+}
+
 static struct standalone_variable *add_variable(struct standalone *s, enum standalone_kind kind,
                                                 const struct apc_tag *tag, double start)
 {
@@ -170,6 +179,9 @@ static struct standalone_variable *add_variable(struct standalone *s, enum stand
         if (s->variable[i].tag.table == tag->table && s->variable[i].tag.id == tag->id)
             return &s->variable[i];
     *v = (struct standalone_variable){.kind = kind, .tag = *tag};
+    if (is_name_taken(s, tag->name))
+        snprintf(v->tag.name, sizeof v->tag.name, "%.40s.%s%zu", tag->name, apc_table_name(tag->table),
+                 s->n + 1);
     v->start = v->value = start_within(start, tag->low, tag->high);
     s->n++;
     return v;
@@ -188,7 +200,8 @@ static void add_operated(struct standalone *s, const struct controller *c, size_
     snprintf(manual.name, sizeof manual.name, "%.50s.manual", output->name);
     snprintf(manual.unit, sizeof manual.unit, "%s", output->unit);
     snprintf(manual.description, sizeof manual.description, "output in mode Man, from when it is set there");
-    add_variable(s, STANDALONE_PARAMETER, &manual, (double)NAN);
+    add_variable(s, STANDALONE_PARAMETER, &manual,
+                 c->u[i].table == APC_ACTUATOR ? s->e.u[c->u[i].at].initial : (double)NAN);
 }
 
 static void add_parameters(struct standalone *s, const struct controller *c, const struct apc_tag *tag,
@@ -352,7 +365,8 @@ const struct standalone_variable *standalone_variables(const struct standalone *
 void standalone_set(struct standalone *s, size_t i, double value)
 {
     struct standalone_variable *const v = &s->variable[i];
-    v->changed = v->changed || !(v->value >= value && v->value <= value);
+    /* of Man, each time that it is set counts: the output may have moved since */
+    v->changed = v->changed || v->tag.table == APC_MANUAL || !(v->value >= value && v->value <= value);
     v->value = value;
 }
 

@@ -83,6 +83,14 @@ done
 (cd "$work" && expect 0 'double-tank-override-smooth.fmu made' \
   "$apc" export fmu "$APC_SOURCE_DIR/experiments/double-tank-override.conf" --controller smooth)
 [ -f "$work/double-tank-override-smooth.fmu" ] || fail "not where it is said to be"
+# a measurement and a setpoint of one name, and one that is the time's, are two in an FMU
+sed 's/name = "y"/name = "r"/; s/name = "u"/name = "time"/' "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/namesakes.conf"
+"$apc" export fmu "$work/namesakes.conf" -o "$work/namesakes.fmu" >/dev/null
+python3 - "$work/namesakes.fmu" <<'END' || fail "names of variables are not unique"
+import sys, xml.etree.ElementTree as tree, zipfile
+names = [v.get("name") for v in tree.fromstring(zipfile.ZipFile(sys.argv[1]).read("modelDescription.xml")).find("ModelVariables")]
+assert names[:4] == ["time", "r", "r.setpoint2", "time.actuator3"] and len(set(names)) == len(names), names
+END
 refused() { # PATTERN ARGUMENT...: and nothing is written
   expect 1 "$1" "$apc" export fmu -o "$work/none.fmu" "${@:2}"
   [ ! -e "$work/none.fmu" ] || fail "a file of what is refused: $1"

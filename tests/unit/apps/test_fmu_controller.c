@@ -425,6 +425,14 @@ static void instances_are_alone_and_reset(void **state)
     (void)tick(c, 10, 5);
     assert_int_equal(fmi.set2(c, &manual, 1, &(double){-4.5}), 0);
     assert_true(tick(c, 12, 5) == -4.5);
+    assert_int_equal(fmi.set_integer2(c, &mode, 1, &(int){APC_MODE_AUTO}), 0);
+    (void)tick(c, 14, 5);
+    (void)tick(c, 16, 5);
+    assert_int_equal(fmi.set_integer2(c, &mode, 1, &(int){APC_MODE_MAN}), 0);
+    assert_true(tick(c, 18, 5) != -4.5);
+    assert_int_equal(fmi.set2(c, &manual, 1, &(double){-4.5}),
+                     0); /* as before, and not as the output is now */
+    assert_true(tick(c, 20, 5) == -4.5);
     assert_int_equal(fmi.set2(other, &gain, 1, &(double){0.4}), 0);
     assert_true(tick(other, 10, 2) != before[2]);
     fmi.free2(c);
