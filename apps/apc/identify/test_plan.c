@@ -24,6 +24,15 @@
 
 /* ---- What is moved --------------------------------------------------------------------------- */
 
+/* Of what it writes, and of its mode, which a test may change. */
+static bool move_takes_two(const struct experiment *e, const struct test_move *m)
+{
+    const struct controller_loop loop = controllers_loop(e, (size_t)m->loop->id - 1);
+    const struct apc_tag *to = m->tag.table == APC_MANUAL ? controllers_output(e, loop) : &m->tag;
+    const struct signal *of = to->table == APC_SETPOINT ? &e->z[to->id - 1] : &e->u[to->id - 1];
+    return loop.of->second > 0.0 || of->second > 0.0;
+}
+
 static int find_move(struct test *z, const char *name, struct test_move *m, struct apc_error *why)
 {
     struct test_bench *b = &z->bench;
@@ -37,6 +46,12 @@ static int find_move(struct test *z, const char *name, struct test_move *m, stru
         return apc_fail(why, APC_EINVAL,
                         "\"%s\" is neither an output nor the setpoint of a loop: those can be moved", name);
     m->name = m->tag.table == APC_MANUAL ? m->loop->name : m->tag.name;
+    if (z->own.live && move_takes_two(&z->e, m))
+        return apc_fail(
+            why, APC_EPERM,
+            "%s takes two persons, and one alone begins a test: take its second_person out of the "
+            "file for that time",
+            m->name);
     for (const struct test_move *other = z->move; other < m; other++)
         if (other->loop == m->loop)
             return apc_fail(why, APC_EINVAL, "%s and %s are of one loop: move one of them", other->name,

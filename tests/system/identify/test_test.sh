@@ -147,6 +147,10 @@ sed 's/name = "fast"/name = "other"/' "$work/fast.conf" >"$work/other.conf"
 expect 1 'give FILE, or the run folder in its place' "$apc" test --live --store "$work/run" # its store is a database
 expect 1 'there is no "v" to be set' "$apc" test "$work/run" --live --move v
 expect 4 'the store is of another plant' "$apc" test "$work/other.conf" --live -o "$work/none"
+sed 's/law = "pi";/& second_person = 300.0;/' "$work/fast.conf" >"$work/two.conf"
+"$apc" init "$work/two.conf" --store "sqlite:$work/two.db" >/dev/null
+expect 4 'u takes two persons, and one alone begins a test' \
+  "$apc" test "$work/two.conf" --live --store "sqlite:$work/two.db" --guard y=-20..40 -o "$work/none"
 expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' live -o "$work/none"
 # a store has what comes before a test as well: of the start, while the plant does not take commands yet, no model can be had
 at_rest() { [ "$(sql "SELECT abs(value - 10) < 0.2 FROM apc.sensor WHERE id = 1 ORDER BY seq DESC LIMIT 1")" = t ]; }
