@@ -46,7 +46,7 @@ static const char *name_of_group(const config_setting_t *group, char place[PLACE
 
 void settings_known(struct settings *s, const config_setting_t *group, const char *const *names)
 {
-    char list[256] = "", place[PLACE];
+    char list[384] = "", place[PLACE];
     if (s->failed || !group)
         return;
     for (int i = 0; i < config_setting_length(group); i++) {

@@ -133,7 +133,8 @@ static void response_json(const struct apc_transfer *g, const struct apc_transfe
                 {&by.tau[0], error->tau[0], true},
                 {&by.tau[1], error->tau[1], true},
                 {&by.dead_time, error->dead_time, true}};
-    bool told = Ts > 0.0 && step_response(g, Ts, y) == 0;
+    const bool responds = Ts > 0.0 && step_response(g, Ts, y) == 0;
+    bool told = responds;
 
     for (size_t i = 0; told && i < sizeof part / sizeof *part; i++) {
         const double was = *part[i].number;
@@ -147,7 +148,7 @@ static void response_json(const struct apc_transfer *g, const struct apc_transfe
             square[k] += (moved[k] - y[k]) * (moved[k] - y[k]);
     }
     json_add(t, "step:%g, response:[", Ts);
-    for (size_t k = 0; Ts > 0.0 && k < POINTS; k++)
+    for (size_t k = 0; responds && k < POINTS; k++)
         json_add(t, "%.6g", y[k]);
     json_add(t, "], half:[");
     for (size_t k = 0; told && k < POINTS; k++)
@@ -524,8 +525,9 @@ void get_preview(struct ui *ui, struct request *r, struct apc_store *store)
     if (rc < 0)
         fault_set(&r->fault, 422, "tuning", NULL, "%s", why.text);
     else {
-        json_add(&r->reply, "{loop:%d, step:%g, begins:%g,", (int)loop, w.step,
-                 (double)(w.proposed.curves.n / 2) * w.Ts);
+        const size_t half = w.proposed.curves.n / 2;
+
+        json_add(&r->reply, "{loop:%d, step:%g, begins:%g,", (int)loop, w.step, (double)half * w.Ts);
         if (w.suggests)
             json_add(&r->reply, "suggested:{Kp:%.4g, tau_i:%.4g, tau_d:%.4g},", w.suggested.Kp,
                      w.suggested.tau_i, w.suggested.tau_d);

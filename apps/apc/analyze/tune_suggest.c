@@ -275,7 +275,7 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     double *Kp = controllers_loop_parameter(loop, "Kp", &Kp_id),
            *tau_i = controllers_loop_parameter(loop, "tau_i", &tau_i_id),
            *tau_d = controllers_loop_parameter(loop, "tau_d", &tau_d_id);
-    const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
+    const struct apc_transfer *error = NULL, *g = model_of(z, output, measurement, &error);
     const struct apc_pid_tuning present = {*Kp, *tau_i, tau_d ? *tau_d : 0.0};
     struct apc_pid_tuning found;
     struct oscillation swings;

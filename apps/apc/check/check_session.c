@@ -122,7 +122,7 @@ int checked_session_make(struct checked *c, unsigned processes, struct apc_error
     s->pool->jobs = s->pool->all = (unsigned)s->n;
     s->pool->what = "runs";
     int rc = worker_pool_run(s->pool, processes, work_on_session, c, why);
-    for (size_t i = 0; i < s->n && rc == 0; i++) {
+    for (size_t i = 0; i < s->n && i < RUNS && rc == 0; i++) {
         const struct session_run *run = session_run_at(c, i);
         if (!run->made || run->rc < 0)
             rc = apc_fail(why, run->rc < 0 ? run->rc : APC_ESTATE, "%s, %s: %s", s->dir, run_keys[i],
@@ -321,7 +321,7 @@ void checked_session_json(const struct checked *c, struct text *t)
     json_add(t, "], actions:[");
     (void)each_action(c, add_action, t);
     json_add(t, "], runs:{");
-    for (size_t run = 0; run < c->session->n; run++) {
+    for (size_t run = 0; run < c->session->n && run < RUNS; run++) {
         json_add(t, "%s:{beyond_limits_s:%g, iae:[", run_keys[run], session_beyond(c, run, 0));
         for (int i = 0; i < n; i++)
             json_add(t, "{name:%s, value:%g}", loop[i].name, session_iae(c, run, (size_t)i));

@@ -390,11 +390,9 @@ int page_table(FILE *out, struct print_table *table)
         page_text(out, table->columns[i].heading);
         fputs("</th>", out);
     }
-    for (size_t i = 0; i < table->n; i++) {
-        fputs(i > 0 && i % table->n_columns > 0 ? "<td>"
-              : i > 0                           ? "</tr>\n<tr><td>"
-                                                : "</tr></thead>\n<tbody>\n<tr><td>",
-              out);
+    for (size_t i = 0, column = 0; i < table->n;
+         i++, column = column + 1 < table->n_columns ? column + 1 : 0) {
+        fputs(column > 0 ? "<td>" : i > 0 ? "</tr>\n<tr><td>" : "</tr></thead>\n<tbody>\n<tr><td>", out);
         page_text(out, table->cells[i].text);
         fputs("</td>", out);
     }

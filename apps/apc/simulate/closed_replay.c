@@ -190,27 +190,32 @@ static size_t closed_place(const struct experiment *e, const struct apc_sample *
     return (row->table == APC_SENSOR ? 0 : e->dim.ny) + (size_t)row->id - 1;
 }
 
-/* Each row beside that of the record at its time or just before it; both are by time. */
+/* The row of that place from row @p from on; all: there is none. */
+static size_t next_of(const struct experiment *e, const struct samples *all, size_t place, size_t from)
+{
+    while (from < all->n && (isinf(range_of(e, &all->at[from])) || closed_place(e, &all->at[from]) != place))
+        from++;
+    return from;
+}
+
+/* Each row beside that of the record next to it in time, which in real time comes some microseconds later. */
 static double widest_apart(const struct experiment *e, const struct samples *made, const struct samples *was)
 {
     double widest = 0;
-    const size_t n = e->dim.ny + e->dim.nu;
-    double *newest = calloc(n + 1, sizeof *newest);
-    for (size_t i = 0; newest && i < n; i++)
-        newest[i] = (double)NAN;
-    for (size_t i = 0, k = 0; newest && i < made->n; i++) {
-        const struct apc_sample *row = &made->at[i];
-        for (; k < was->n && was->at[k].time <= row->time; k++) {
-            const struct apc_sample *next = &was->at[k];
-            if (!isinf(range_of(e, next)))
-                newest[closed_place(e, next)] = next->value;
+    for (size_t place = 0; place < e->dim.ny + e->dim.nu; place++) {
+        size_t at = next_of(e, was, place, 0), after = next_of(e, was, place, at + 1);
+        for (size_t i = next_of(e, made, place, 0); at < was->n && i < made->n;
+             i = next_of(e, made, place, i + 1)) {
+            const struct apc_sample *row = &made->at[i];
+            while (after < was->n &&
+                   llabs(was->at[after].time - row->time) <= llabs(was->at[at].time - row->time)) {
+                at = after;
+                after = next_of(e, was, place, at + 1);
+            }
+            widest = fmax(widest, fabs(row->value - was->at[at].value) / range_of(e, row)); /* without NAN */
         }
-        const double range = range_of(e, row);
-        if (!isinf(range)) /* fmax() leaves out what is NAN */
-            widest = fmax(widest, fabs(row->value - newest[closed_place(e, row)]) / range);
     }
-    free(newest);
-    return newest ? widest : (double)NAN;
+    return widest;
 }
 
 static int answer_closed(struct closed_answer *a, const char *dir,
