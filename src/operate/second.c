@@ -207,17 +207,34 @@ static int take_asked(struct operation *o, struct apc_store *store, const struct
     return rc == 0 && !refuses ? operation_check(o, store, why) : rc;
 }
 
+/* What is over is found where nothing else is. @p other: of that name as well, but not asked for at once; NULL. */
+static struct waiting *find_asked(struct waiting *asked, size_t n, apc_ns only, const char *name,
+                                  struct waiting **other)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    struct waiting *first = asked + n;
+    *other = NULL;
+    for (struct waiting *a = asked; a < asked + n; a++) {
+        if (!is_asked_of(a, only, name))
+            continue;
+        if (first == asked + n || now > first->until)
+            first = a;
+        else if (now <= a->until && !is_asked_at_once(a, first))
+            *other = a;
+    }
+    return first;
+}
+
 int operation_approve(struct operation *o, struct apc_store *store, apc_ns only, const char *name,
                       bool refuses, struct approval *approval, struct change_fault *why)
 {
-    struct waiting *asked, *first;
+    struct waiting *asked, *first, *other;
     const int found = waiting_load(&asked, store, o->plant);
     const size_t n = found > 0 ? (size_t)found : 0;
     int rc;
     o->approval = approval;
     o->confirmed = true; /* two have looked at it */
-    for (first = asked; first < asked + n && !is_asked_of(first, only, name); first++)
-        ;
+    first = find_asked(asked, n, only, name, &other);
     if (found < 0)
         rc = change_fail(why, found, "store", "%s",
                          found == APC_ENOMEM ? "out of memory" : apc_store_error(store));
@@ -226,6 +243,10 @@ int operation_approve(struct operation *o, struct apc_store *store, apc_ns only,
     else if (first == asked + n)
         rc = change_fail(why, APC_EPERM, "second",
                          "it does not wait for a second person: it was approved or refused");
+    else if (other)
+        rc = change_fail(why, APC_EPERM, "second", "two of \"%.60s\" wait: say which, %s.%d or %s.%d", name,
+                         apc_table_name(first->to.table), first->to.id, apc_table_name(other->to.table),
+                         other->to.id);
     else if (apc_clock_utc(NULL) > first->until)
         rc = change_fail(why, APC_EPERM, "second",
                          "what %s has asked for had to be approved within %g s: ask for %.60s again",

@@ -199,6 +199,28 @@ static void what_cannot_be_written_meanwhile_is_not(void **state)
     assert_near(newest(APC_MANUAL, LOOP_U).value, 3, 0);
 }
 
+/* An output and its loop's mode have one name; what was never approved is in nobody's way. */
+static void of_two_that_wait_under_one_name_it_is_said_which(void **state)
+{
+    const apc_ns former = apc_clock_utc(NULL) - 301 * S;
+    struct change_fault why;
+    (void)state;
+
+    append((struct apc_sample){.table = APC_OPMODE, .id = LOOP_U, .time = 1, .value = APC_MODE_MAN});
+    assert_string_equal(writes_at(former, "anna", "u", CHANGE_MODE, APC_MODE_AUTO, 0, &why), "second");
+    assert_string_equal(writes_at(former, "anna", "u", CHANGE_OUTPUT, 2, 0, &why), "second");
+    asks("anna", "u", CHANGE_MODE, APC_MODE_AUTO, 0);
+    assert_string_equal(answers("otto", "u", true, &why), "");
+    asks("anna", "u", CHANGE_OUTPUT, 3, 0);
+    asks("anna", "u", CHANGE_MODE, APC_MODE_AUTO, 0);
+    assert_string_equal(answers("otto", "u", false, &why), "second");
+    assert_non_null(strstr(why.text, "two of \"u\" wait: say which, "));
+    assert_string_equal(answers("otto", "manual.1", false, &why), "");
+    assert_near(newest(APC_MANUAL, LOOP_U).value, 3, 0);
+    assert_string_equal(answers("otto", "u", true, &why), "");
+    assert_int_equal(waits(), 0);
+}
+
 /* Its tuning and modes; a ramp ends at once, as that is the safe side. */
 static void all_of_a_controller_takes_two_and_a_ramp_is_stopped_by_one(void **state)
 {
@@ -286,6 +308,7 @@ int main(void)
         T(what_waits_is_asked_for_once_and_withdrawn_or_refused),
         T(what_is_not_approved_in_time_is_asked_for_again),
         T(what_cannot_be_written_meanwhile_is_not),
+        T(of_two_that_wait_under_one_name_it_is_said_which),
         T(all_of_a_controller_takes_two_and_a_ramp_is_stopped_by_one),
         T(of_two_at_once_one_has_his_way),
         T(the_mode_of_all_from_a_history_is_no_way_round),
