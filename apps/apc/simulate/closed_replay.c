@@ -198,12 +198,26 @@ static size_t next_of(const struct experiment *e, const struct samples *all, siz
     return from;
 }
 
+/* What the figure is a part of: of a signal without limits what it went through on record, from row @p from on. */
+static double span_on_record(const struct experiment *e, const struct samples *was, size_t place, size_t from)
+{
+    double low = HUGE_VAL, high = -HUGE_VAL;
+    if (from < was->n && range_of(e, &was->at[from]) < APC_VALUE_MAX)
+        return range_of(e, &was->at[from]);
+    for (; from < was->n; from = next_of(e, was, place, from + 1)) {
+        low = fmin(low, was->at[from].value);
+        high = fmax(high, was->at[from].value);
+    }
+    return high - low;
+}
+
 /* Each row beside that of the record next to it in time, which in real time comes some microseconds later. */
 static double widest_apart(const struct experiment *e, const struct samples *made, const struct samples *was)
 {
     double widest = 0;
     for (size_t place = 0; place < e->dim.ny + e->dim.nu; place++) {
         size_t at = next_of(e, was, place, 0), after = next_of(e, was, place, at + 1);
+        const double span = span_on_record(e, was, place, at);
         for (size_t i = next_of(e, made, place, 0); at < was->n && i < made->n;
              i = next_of(e, made, place, i + 1)) {
             const struct apc_sample *row = &made->at[i];
@@ -212,7 +226,8 @@ static double widest_apart(const struct experiment *e, const struct samples *mad
                 at = after;
                 after = next_of(e, was, place, at + 1);
             }
-            widest = fmax(widest, fabs(row->value - was->at[at].value) / range_of(e, row)); /* without NAN */
+            if (span > 0)
+                widest = fmax(widest, fabs(row->value - was->at[at].value) / span); /* without NAN */
         }
     }
     return widest;

@@ -78,6 +78,10 @@ END
   { at = 170.2; kill = "controller"; }, { at = 178.3; start = "controller"; } )' >/dev/null 2>&1
 # Promise(simulation/replay-closed)
 expect 0 '^unchanged, it is at most 0 % of a range apart from the record' "$apc" replay people --closed --set controller.Kp=0.1
+awk -F, -v OFS=, '$2 == "sensor" && $1 > 30 { $5 += 3 } 1' people/samples.csv >shifted.csv # what the law never saw
+cp -r people shifted && rm shifted/samples.columns && mv shifted.csv shifted/samples.csv
+"$apc" replay shifted --closed --set controller.Kp=0.1 --json | python3 -c 'import json, sys; assert 0.05 < json.load(sys.stdin)["runs"][0]["unchanged_apart"] < 1' ||
+  fail "a measurement without limits is not looked at"
 "$apc" simulate "$APC_SOURCE_DIR/experiments/first-order.conf" --set plant.parameters.K=4.0 --report half >/dev/null 2>&1
 cp first-order-was/{samples.csv,samples.columns,ticks.db} half
 expect 0 'leaves out [0-9.]+ %: as a disturbance, .* the answer is wrong' "$apc" replay half --closed --law pid
