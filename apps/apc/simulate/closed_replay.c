@@ -191,7 +191,7 @@ static size_t closed_place(const struct experiment *e, const struct apc_sample *
 }
 
 /* The row of that place from row @p from on; all: there is none. */
-static size_t next_of(const struct experiment *e, const struct samples *all, size_t place, size_t from)
+static size_t row_of_place(const struct experiment *e, const struct samples *all, size_t place, size_t from)
 {
     while (from < all->n && (isinf(range_of(e, &all->at[from])) || closed_place(e, &all->at[from]) != place))
         from++;
@@ -204,7 +204,7 @@ static double span_on_record(const struct experiment *e, const struct samples *w
     double low = HUGE_VAL, high = -HUGE_VAL;
     if (from < was->n && range_of(e, &was->at[from]) < APC_VALUE_MAX)
         return range_of(e, &was->at[from]);
-    for (; from < was->n; from = next_of(e, was, place, from + 1)) {
+    for (; from < was->n; from = row_of_place(e, was, place, from + 1)) {
         low = fmin(low, was->at[from].value);
         high = fmax(high, was->at[from].value);
     }
@@ -216,15 +216,15 @@ static double widest_apart(const struct experiment *e, const struct samples *mad
 {
     double widest = 0;
     for (size_t place = 0; place < e->dim.ny + e->dim.nu; place++) {
-        size_t at = next_of(e, was, place, 0), after = next_of(e, was, place, at + 1);
+        size_t at = row_of_place(e, was, place, 0), after = row_of_place(e, was, place, at + 1);
         const double span = span_on_record(e, was, place, at);
-        for (size_t i = next_of(e, made, place, 0); at < was->n && i < made->n;
-             i = next_of(e, made, place, i + 1)) {
+        for (size_t i = row_of_place(e, made, place, 0); at < was->n && i < made->n;
+             i = row_of_place(e, made, place, i + 1)) {
             const struct apc_sample *row = &made->at[i];
             while (after < was->n &&
                    llabs(was->at[after].time - row->time) <= llabs(was->at[at].time - row->time)) {
                 at = after;
-                after = next_of(e, was, place, at + 1);
+                after = row_of_place(e, was, place, at + 1);
             }
             if (span > 0)
                 widest = fmax(widest, fabs(row->value - was->at[at].value) / span); /* without NAN */
