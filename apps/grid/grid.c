@@ -161,9 +161,11 @@ static void hold(const struct series *s, const struct series *measured, const st
             held = isfinite(s->value[i]) ? s->value[i] : held;
         to[k * stride] = held;
         for (; i < s->n && (at = moved_at(s, i, measured, exchanged, &next)) < end - same; i++) {
+            if (!isfinite(s->value[i]) || s->value[i] == held)
+                continue; /* no move, so nothing to round */
             sum += held * (at - since);
             since = at;
-            held = isfinite(s->value[i]) ? s->value[i] : held;
+            held = s->value[i];
             to[k * stride] = (sum + held * (end - since)) / length;
         }
     }
