@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The alarms: those that stand, those that are masked, all of them; what each one means, and what to do with it.
 import type {JSX} from "preact";
-import {memo} from "preact/compat";
+import {memo} from "../memo";
 import {useEffect, useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";

@@ -42,7 +42,7 @@ function Choice({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const [all, setAll] = useState(false);
   const open = (): void => setAll(true);
   return (
-    <select class="loop-choice" aria-label={tr("page.loop")} value={loop.id} onFocus={open} onPointerEnter={open} onChange={event => go("loop", event.currentTarget.value)}>
+    <select class="loop-choice" aria-label={tr("page.loop")} value={loop.id} onFocusIn={open} onPointerEnter={open} onChange={event => go("loop", event.currentTarget.value)}>
       {!all ? <option value={loop.id}>{loop.name}</option> : p.controllers.map(({name}) => {
         const own = p.loops.filter(one => one.controller === name).map(one => <option key={one.id} value={one.id}>{one.name}</option>);
         return p.controllers.length > 1 ? <optgroup key={name} label={name}>{own}</optgroup> : own;

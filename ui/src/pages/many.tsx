@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The overview of many loops: the tree of areas, a search, and of the rows those in sight.
 import type {JSX, RefObject} from "preact";
-import {memo} from "preact/compat";
+import {memo} from "../memo";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {env} from "../core/env";
 import {abnormalFirst, type Area, areasOf, filtered, type Item, itemsOf, type ListFilter, type Now, type Order, ordered, orderOf, worstByArea} from "../core/list";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
-import {memo} from "preact/compat";
+import {memo} from "../memo";
 import {useState} from "preact/hooks";
 import {useCell} from "../usecell";
 import {refsOf} from "../core/alarms";
