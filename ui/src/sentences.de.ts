@@ -256,6 +256,7 @@ export const sentences: Record<string, string> = {
   "{=} waits for a second person: somebody else has asked for it just now": "{1} wartet auf eine zweite Person: das hat eben jemand anderes beantragt",
   "{=} takes two persons, and who asks for it is not known": "{1} verlangt zwei Personen, und wer es beantragt, ist nicht bekannt",
   "nothing of \"{=}\" waits for a second person": "nichts von „{1}“ wartet auf eine zweite Person",
+  "two of \"{=}\" wait: say which, {=}.{=} or {=}.{=}": "zwei von „{1}“ warten: bitte angeben, welches: {2}.{3} oder {4}.{5}",
   "it was asked for, but that was not recorded as an event: {}": "es ist beantragt, aber nicht als Ereignis aufgezeichnet: {1}",
   "it was refused, but not recorded as an event: {}": "es ist abgelehnt, aber das ist nicht als Ereignis aufgezeichnet: {1}",
   "who has asked for {=} is not known, so nobody approves it: ask for it again": "wer {1} beantragt hat, ist nicht bekannt, also genehmigt es niemand: noch einmal beantragen",
