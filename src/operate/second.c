@@ -194,8 +194,8 @@ static int take_asked(struct operation *o, struct apc_store *store, const struct
                       struct change_fault *why)
 {
     int rc = 0;
-    o->change = calloc(n, sizeof *o->change);
-    approval->row = calloc(n, sizeof *approval->row);
+    o->change = calloc(n + 1, sizeof *o->change);
+    approval->row = calloc(n + 1, sizeof *approval->row);
     memcpy(approval->asker, first->asker, sizeof approval->asker);
     if (!o->change || !approval->row)
         return change_fail(why, APC_ENOMEM, "store", "out of memory");
