@@ -44,11 +44,33 @@ static int find_controller(struct promotion *p, const char *name)
     return EXIT_OK;
 }
 
+/* Which takes two persons, of all controllers of its outputs? They are put in shadow or made to act together. */
+static const struct loops_controller *takes_two_persons(const struct promotion *p)
+{
+    const struct loops_loop *mine = &p->loops->at[p->to->first];
+    for (size_t i = 0; i < p->loops->n; i++)
+        for (size_t k = 0; k < p->to->n; k++) {
+            const struct loops_loop *loop = &p->loops->at[i];
+            const struct loops_controller *of = &p->loops->controller[loop->controller];
+            if (loop->table == mine[k].table && loop->output == mine[k].output &&
+                loops_second(p->loops, APC_TICK, of->number) > 0)
+                return of;
+        }
+    return NULL;
+}
+
 /* The switch has the number of one of its outputs. */
 static int find_switch(struct promotion *p, const struct cli_tags *tags)
 {
     const struct loops_loop *first = &p->loops->at[p->to->first];
+    const struct loops_controller *two = takes_two_persons(p);
     int id = 0;
+    if (two)
+        return cli_error(
+            p->cli, APC_EPERM,
+            "%s takes two persons, and one alone promotes: let the experiment file say who is in "
+            "shadow",
+            two->name);
     for (size_t i = 0; i < p->to->n && !id; i++)
         if (first[i].table && cli_tag(tags, APC_OPMODE, LOOPS_ACTING(first[i].table, first[i].output)))
             id = LOOPS_ACTING(first[i].table, first[i].output);

@@ -98,6 +98,13 @@ kill -9 "$pid"
 expect 4 'trial does not tick: nobody would act' "$apc" promote trial
 mode 1 1 || fail "first does not act"
 
+# one person alone does not change who acts where either of the two controllers takes two
+sed 's/{ name = "first"; law/{ name = "first"; second_person = 60.0; law/' "$work/shadow.conf" >"$work/two.conf"
+"$apc" init "$work/two.conf" --store "sqlite:$work/two.db" >/dev/null
+for name in trial first; do
+  expect 4 'first takes two persons, and one alone promotes' "$apc" promote $name --no-wait --store "sqlite:$work/two.db"
+done
+
 # nor is one in a history, where nobody would read it
 # Promise(stores/loop-would-read)
 sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
