@@ -46,10 +46,19 @@ static bool split_signals(struct request *r, const char *field, char **copy, cha
                                "\"%s\" is needed: names with a comma between", field);
 }
 
-/* The period of the grid: that of the first output, or as many of them as leave few enough samples. */
-static bool choose_grid(struct ui *ui, struct request *r, struct modelling *m)
+static int note_record_begin(void *ctx, const struct apc_sample *row)
 {
-    const double span = apc_ns_to_s(m->selection.until - m->selection.since);
+    *(apc_ns *)ctx = row->time;
+    return 1;
+}
+
+/* The period of the grid: that of the first output, or as many of them as leave few enough samples of the record, which
+ * may begin later than the time that was asked for. */
+static bool choose_grid(struct ui *ui, struct request *r, struct apc_store *store, struct modelling *m)
+{
+    const struct apc_range range = {.since = m->selection.since, .until = m->selection.until};
+    apc_ns first = 0;
+    int id = 0;
     const size_t cells = m->selection.inputs * m->selection.outputs;
     double period = 0.0;
 
@@ -60,11 +69,18 @@ static bool choose_grid(struct ui *ui, struct request *r, struct modelling *m)
     for (size_t i = 0; i < ui->model.plant.n; i++) {
         const struct apc_tag *tag = &ui->model.plant.tag[i];
         if (tag->table == APC_SENSOR && !strcmp(tag->name, m->selection.output[0]))
-            period = apc_ns_to_s(plant_period(&ui->model.plant, tag->table, tag->id));
+            period = apc_ns_to_s(plant_period(&ui->model.plant, tag->table, id = tag->id));
     }
     pthread_mutex_unlock(&ui->model.mutex);
     if (!(period > 0.0))
         return true; /* its record tells */
+    const int rc = apc_store_history(store, APC_SENSOR, id, &range, note_record_begin, &first);
+    if (rc < 0) {
+        fault_store(r, rc, store);
+        return false;
+    }
+    m->selection.since = first > m->selection.since ? first : m->selection.since;
+    const double span = apc_ns_to_s(m->selection.until - m->selection.since);
     if (span / period > ROWS)
         return fault_set(&r->fault, 422, "parameter", "since", "more than %d rows: ask for less time at once",
                          ROWS);
@@ -209,7 +225,7 @@ void get_model(struct ui *ui, struct request *r, struct apc_store *store)
     if (query_range(r, HOUR, 0, &m.selection.since, &m.selection.until) &&
         split_signals(r, "inputs", &m.names[0], m.selection.input, &m.selection.inputs) &&
         split_signals(r, "outputs", &m.names[1], m.selection.output, &m.selection.outputs) &&
-        choose_grid(ui, r, &m)) {
+        choose_grid(ui, r, store, &m)) {
         rc = grid_read(&m.data, &from, &m.selection, &why);
         if (rc == 0)
             rc = find_model(&m, &why);

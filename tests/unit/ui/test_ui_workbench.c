@@ -98,6 +98,13 @@ static void the_model_of_the_paper_is_found_in_its_record(void **state)
     assert_true(json_array_size(half) == json_array_size(response) ||
                 (json_array_size(half) == 0 && json_is_null(json_object_get(error, "zero"))));
     assert_near(json_number_value(json_array_get(response, json_array_size(response) - 1)), 10.0, 0.2);
+    const double samples = number_in(json, "samples");
+    json_decref(json);
+    /* a time that begins long before the record thins nothing */
+    ask_query((const char *[]){"inputs", "u", "outputs", "y", "since", since_begin(10 - 7200), "until",
+                               since_begin(RUN), NULL});
+    json = answered(get_model);
+    assert_true(number_in(json, "samples") >= samples);
     json_decref(json);
 }
 
