@@ -3,16 +3,17 @@
 #include "apc-ui/api/api.h"
 #include "common/storeuri.h"
 
-/* Answers with all of them as they are; where @order has one, after that was written. */
+/* Answers with all of them as they are, of a plant in real time with none; where @p start is not negative, after that
+ * was written. */
 static void answer_faults(struct request *r, struct apc_store *store, int64_t number, int start)
 {
     struct apc_store_clock clock;
     struct faults f = {.n = 0};
     struct apc_error why;
     int rc = store_simulated(store, &clock, &why);
-    if (rc == 0)
+    if (rc == 0 && start >= 0)
         fault_set(&r->fault, 409, "simulation", NULL, "the plant is not simulated: its time is real");
-    else if (rc < 0 || (rc = faults_open(&f, store, &why)) < 0)
+    else if (rc < 0 || (rc > 0 && (rc = faults_open(&f, store, &why)) < 0))
         fault_set(&r->fault, rc == APC_ESTATE ? 409 : 503, rc == APC_ESTATE ? "simulation" : "store", NULL,
                   "%.200s", why.text);
     else if (start >= 0 && number > (int64_t)f.n)
