@@ -4,6 +4,7 @@ import {build} from "esbuild";
 import {cp, mkdir, readFile, rm, writeFile} from "node:fs/promises";
 import path from "node:path";
 import {fileURLToPath} from "node:url";
+import {texts} from "./texts.mjs";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
 const out = path.resolve(process.argv[2] ?? path.join(here, "../build/share/apc/ui"));
@@ -20,6 +21,7 @@ const result = await build({
   jsx: "automatic",
   jsxImportSource: "preact",
   legalComments: "none",
+  plugins: [await texts()],
   metafile: true,
   write: false,
 });
