@@ -186,12 +186,6 @@ for part in "--until $utc" "--since $utc --until $then"; do # each as a task of 
   # shellcheck disable=SC2086
   "$apc" replay "$database" $part --json >>parts.json || fail "a part does not come out: $(cat parts.json)"
 done
-# A store that one of the processes cannot open is told, and nothing is said of the rest.
-if [ -z "${APC_SANITIZE:-}" ]; then
-  # Promise(simulation/replay-season)
-  expect 3 'history.db: unable to open database file: Input/output error$' env LD_PRELOAD="$APC_BUILD_DIR/tests/unreadable.so" \
-    APC_TEST_UNREADABLE=/history.db APC_TEST_UNREADABLE_BY="$work/by" "$apc" replay "$database" other "sqlite:$work/history.db" --jobs 3
-fi
 python3 - <<'END' || fail "not all ticks: $(cat season-1.json parts.json)"
 import json
 season = json.load(open("season-1.json"))
