@@ -65,7 +65,7 @@ settled() { "${operator[@]}" apc get r y | awk '$1 == "r" { r = $2 } $1 == "y" {
 until_true 100 settled
 recorded() { [ "$("${operator[@]}" apc history y -n 50 --store "sqlite:/var/lib/apc/$plant/store.db" | wc -l)" -ge 50 ]; }
 until_true 100 recorded
-systemctl --quiet disable --now "apc@$plant.target" apc-{maintain,monitor}@$plant.timer "${units[@]}" "apc-historian@$plant"
+systemctl --quiet disable --now "apc@$plant.target" apc-{maintain,monitor,report}@$plant.timer "${units[@]}" "apc-historian@$plant"
 ! pgrep -f /usr/bin/apc- || fail "daemons go on whose target was stopped"
 rm -r "/var/lib/apc/$plant" "/etc/apc/$plant".*
 
@@ -83,13 +83,13 @@ until_true 60 su postgres -c 'psql -c "SELECT 1"'
 su postgres -c 'psql -q' <<<"CREATE ROLE apc LOGIN PASSWORD 'of-the-database'; CREATE DATABASE apc OWNER apc;"
 cp /usr/share/apc/first-order.conf "/etc/apc/$plant.conf"
 echo 'APC_STORE=postgresql://apc@127.0.0.1/apc' >"/etc/apc/$plant.env"
-for unit in init maintain monitor "${daemons[@]}"; do
+for unit in init maintain monitor report "${daemons[@]}"; do
   install -m 600 /dev/stdin "/etc/apc/credentials/$plant.apc-$unit.pgpass" <<<'127.0.0.1:5432:apc:apc:of-the-database'
 done
 apc user add anna --role engineer --users "/etc/apc/$plant.users" <<<'a password of some length'
 token=$(apc user token probe --role engineer --users "/etc/apc/$plant.users")
 chown apc: /etc/apc/$plant.users*
-systemctl --quiet enable "apc@$plant.target" apc-{maintain,monitor}@$plant.timer "${units[@]}"
+systemctl --quiet enable "apc@$plant.target" apc-{maintain,monitor,report}@$plant.timer "${units[@]}"
 systemctl start "apc@$plant.target"
 export APC_STORE=postgresql://apc:of-the-database@127.0.0.1/apc
 operator=()
@@ -116,8 +116,8 @@ journalctl -q -o cat -u "apc-controller@$plant" | grep -i watchdog | head -1
 
 step "upkeep"
 systemctl start "apc-maintain@$plant.service"
-systemctl start "apc-monitor@$plant.service"
-for unit in maintain monitor; do
+systemctl start "apc-monitor@$plant.service" "apc-report@$plant.service"
+for unit in maintain monitor report; do
   systemctl --no-pager list-timers --all | grep -q "apc-$unit@$plant.timer" || fail "no timer of apc-$unit"
 done
 

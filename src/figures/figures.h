@@ -148,7 +148,10 @@ struct kpis_loop {
     apc_ns from, until; /* what was on record; the same: nothing */
     double service; /* in Auto or Cas with its law's own answer: neither held, nor at its fault value, nor the
                        backup law's, nor gone */
-    double low, high;     /* its output stood at that limit */
+    double low, high;             /* its output stood at that limit */
+    double mode[APC_MODE_LO + 1]; /* by actual mode, while its controller ticked, or had it out of service */
+    double stopped;               /* it did not */
+    double iae;                   /* integral of |setpoint - measurement|, while both were known */
     double with, without; /* standard deviation of measurement less setpoint, in service and out of it */
     double benefit;       /* 1 - with / without: by how much the loop is quieter in service */
     struct health health; /* verdict 0: nobody asked */
@@ -221,5 +224,28 @@ bool kpis_on_record(const struct kpis *m); /* is any of its loops? */
 /* The worst first. */
 void kpis_sort_by_health(struct kpis *m);
 void kpis_free(struct kpis *m);
+
+/* ---- Outages -------------------------------------------------------------------------------- */
+
+/* When there was no value that can be used: of variables that went and came together one. */
+struct outage {
+    apc_ns from, until;
+    enum apc_table table; /* APC_SENSOR, or APC_ACTUATOR: its controller wrote none */
+    apc_status status;    /* of the rows, the first of them; APC_GOOD: there were none */
+    size_t tag, n;        /* place of the first variable, and of how many it was */
+};
+
+struct outages {
+    struct apc_tag *tag;
+    size_t n_tags;
+    struct outage *at; /* [n] by time */
+    size_t n, room;
+    apc_ns down; /* for how long there was at least one */
+};
+
+/* Of the measurements and outputs of a store, from <= t < until. What was never on record was not missed. Returns 0,
+ * APC_ENOMEM or the store's error; outages_free() in either case. */
+int outages_of_store(struct outages *outages, struct apc_store *store, apc_ns from, apc_ns until);
+void outages_free(struct outages *outages);
 
 #endif

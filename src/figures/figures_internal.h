@@ -8,6 +8,9 @@
 /* Least squares and correlations over lags: to[k] is the mean of a[t] b[t - k], k = 0 to m < n. */
 void lagged_products(const double *a, const double *b, size_t n, size_t m, double *to);
 
+/* How long a row stands for what is: as the plant's watchdog has it. */
+apc_ns row_patience(apc_ns period);
+
 /* What friction of an actuator explains. */
 struct friction {
     double size;     /* deadband and stickband together, units of the output; 0: none explains more */

@@ -9,8 +9,7 @@
 
 static const double none = (double)NAN;
 
-/* How long a row stands for what is: as the plant's watchdog has it. */
-static apc_ns row_patience(apc_ns period)
+apc_ns row_patience(apc_ns period)
 {
     return 3 * period + 100 * APC_NS_PER_MS;
 }
@@ -52,7 +51,11 @@ struct watch {
     double setpoint;            /* NAN: none yet */
     bool told, automatic, good; /* told: its mode is on record */
     unsigned limited;
-    double service, at[2]; /* s */
+    int mode;                                            /* the actual one, where it is told */
+    apc_ns hold;                                         /* how long a measurement stands for what is */
+    apc_ns known_until;                                  /* of the newest one */
+    double service, at[2], in[APC_MODE_LO + 1], stopped; /* s */
+    double iae;
     struct spread with, without;
     double measurement;      /* NAN: none yet */
     struct stretch *stretch; /* NULL: health is not asked for */
@@ -61,6 +64,16 @@ struct watch {
 static bool serves(const struct watch *w, apc_ns t)
 {
     return w->automatic && w->good && t < w->fresh_until;
+}
+
+/* A loop that is out of service need not be written. */
+static void count_mode(struct watch *w, apc_ns from, apc_ns stale, apc_ns end)
+{
+    const apc_ns ticked = w->mode == APC_MODE_OOS ? end : stale > from ? stale : from;
+    if (!w->told || end <= from)
+        return;
+    w->in[w->mode] += apc_ns_to_s(ticked - from);
+    w->stopped += apc_ns_to_s(end - ticked);
 }
 
 /* Count until @p to with what was known. */
@@ -73,6 +86,10 @@ static void count_until(struct watch *w, apc_ns to)
     for (int side = 0; side < 2; side++)
         if ((w->limited >> side & 1u) && stale > from)
             w->at[side] += apc_ns_to_s(stale - from);
+    count_mode(w, from, stale, end);
+    const apc_ns known = w->known_until < end ? w->known_until : end;
+    if (known > from && !isnan(w->setpoint) && !isnan(w->measurement))
+        w->iae += fabs(w->setpoint - w->measurement) * apc_ns_to_s(known - from);
     if (to > w->t)
         w->t = to;
 }
@@ -97,7 +114,8 @@ static void take_loop_row(struct watch *w, const struct apc_sample *s)
     const struct loops_loop *l = w->loop;
     count_until(w, s->time);
     if (s->table == APC_ACTUAL && s->id == apc_variable_number(APC_OPMODE, l->id)) {
-        w->told = true;
+        w->told = s->value >= 0 && s->value <= (double)APC_MODE_LO;
+        w->mode = w->told ? (int)s->value : 0;
         w->automatic = (s->value == (double)APC_MODE_AUTO || s->value == (double)APC_MODE_CAS) &&
                        s->status != APC_GOOD_LOCAL_OVERRIDE; /* the backup law's */
     }
@@ -111,8 +129,10 @@ static void take_loop_row(struct watch *w, const struct apc_sample *s)
     if (s->table == APC_SENSOR && s->id == l->measurement && s->time >= w->from && s->time < w->until &&
         apc_status_severity(s->status) != APC_SEVERITY_BAD && !isnan(w->setpoint))
         spread_take(serves(w, s->time) ? &w->with : &w->without, s->value - w->setpoint);
-    if (s->table == APC_SENSOR && s->id == l->measurement)
+    if (s->table == APC_SENSOR && s->id == l->measurement) {
         w->measurement = apc_status_severity(s->status) == APC_SEVERITY_BAD ? none : s->value;
+        w->known_until = s->time + w->hold;
+    }
     if (w->stretch)
         stretch_row(w, s);
 }
@@ -137,16 +157,31 @@ static struct kpis_loop kpis_of_loop(const struct watch *w)
                           .service = whole > 0 && w->told ? w->service / whole : none,
                           .low = whole > 0 ? w->at[0] / whole : none,
                           .high = whole > 0 ? w->at[1] / whole : none,
+                          .stopped = whole > 0 && w->told ? w->stopped / whole : none,
+                          .iae = w->iae,
                           .with = standard_deviation(&w->with),
                           .without = standard_deviation(&w->without)};
     memcpy(m.name, w->loop->name, sizeof m.name);
     m.id = w->loop->id;
+    for (int mode = 0; mode <= APC_MODE_LO; mode++)
+        m.mode[mode] = whole > 0 && w->told ? w->in[mode] / whole : none;
     if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
         m.without = none;
     const bool both = spread_tells(&w->with, w->service, w->period) &&
                       spread_tells(&w->without, whole - w->service, w->period);
     m.benefit = both && m.without > 0 ? 1 - m.with / m.without : none;
     return m;
+}
+
+/* A measurement may come less often than the controller ticks. */
+static apc_ns measurement_period(const struct kpis_source *s, const struct loops_loop *loop)
+{
+    const apc_ns tick = s->loops->controller[loop->controller].period;
+    apc_ns period = 0;
+    for (size_t i = 0; i < s->n_tags && period == 0; i++)
+        if (s->tag[i].table == APC_SENSOR && s->tag[i].id == loop->measurement)
+            (void)apc_ns_from_s(s->tag[i].period, &period);
+    return period > tick ? period : tick;
 }
 
 static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t i)
@@ -160,6 +195,7 @@ static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t 
                       .t = s->from,
                       .period = period,
                       .patience = row_patience(period),
+                      .hold = row_patience(measurement_period(s, loop)),
                       .setpoint = none,
                       .measurement = none,
                       .stretch = s->horizon ? &stretch : NULL};

@@ -64,10 +64,15 @@ struct logbook_look {
     bool is_there;
 };
 
+bool logbook_is_entry(const struct apc_event *event)
+{
+    return !strcmp(event->kind, "log") || !strcmp(event->kind, "handover");
+}
+
 static int take_logbook_event(void *ctx, const struct apc_event *old)
 {
     struct logbook_look *l = ctx;
-    if (strcmp(old->kind, "log") != 0 && strcmp(old->kind, "handover") != 0)
+    if (!logbook_is_entry(old))
         return 0;
     if (old->time > l->event->time - LOGBOOK_AGAIN && !strcmp(old->kind, l->event->kind) &&
         !strcmp(old->source, l->event->source) && !strcmp(old->text, l->event->text)) {

@@ -526,6 +526,7 @@ int logbook_make(const struct plant_view *plant, const struct logbook_entry *ent
 /* Enter it now. What the same author has entered within a minute is not entered again: time is that one's then. @p
  * seen: UTC, the newest entry that whoever signs has read, and there is none that is newer; < 0: whatever there is.
  * Returns 1, 0: it is there already; or an error with "stale", "unknown" or "store". */
+bool logbook_is_entry(const struct apc_event *event); /* or a handover */
 int logbook_add(struct apc_store *store, apc_ns seen, struct apc_event *event, struct change_fault *why);
 
 /* ---- Requests ------------------------------------------------------------------------------- */

@@ -363,40 +363,110 @@ void page_begin(FILE *out, const char *what, const char *name)
 {
     fprintf(out, "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>%s ", what);
     page_text(out, name);
-    fputs("</title>\n<style>\n"
-          "body { font: 10pt/1.4 sans-serif; margin: 1.5cm; }\n"
-          "table { border-collapse: collapse; width: 100%; }\n"
-          "th, td { border-bottom: 1px solid #999; padding: 2pt 8pt 2pt 0; text-align: left; vertical-align: "
-          "top; }\n"
-          "td:not(:last-child) { white-space: nowrap; }\n"
-          "td:last-child { overflow-wrap: anywhere; width: 100%; }\n"
-          "thead { display: table-header-group; }\n" /* on each sheet */
-          "tr { break-inside: avoid; }\n"
-          "@page { margin: 1.5cm; }\n"
-          "@media print { body { margin: 0; } }\n"
-          "</style>\n</head>\n<body>\n",
-          out);
+    fputs(
+        "</title>\n<style>\n"
+        "body { font: 10pt/1.4 sans-serif; margin: 1.5cm auto; max-width: 18cm; }\n"
+        "h1 { font-size: 18pt; margin: 0 0 4pt; }\n"
+        "h2 { break-after: avoid; border-bottom: 2px solid #1b3a6b; font-size: 12pt; margin: 16pt 0 4pt; }\n"
+        "h3 { break-after: avoid; font-size: 10pt; margin: 8pt 0 2pt; }\n"
+        "table { border-collapse: collapse; font-variant-numeric: tabular-nums; width: 100%; }\n"
+        "th, td { border-bottom: 1px solid #999; padding: 2pt 8pt 2pt 0; text-align: left; vertical-align: "
+        "top; }\n"
+        "th { vertical-align: bottom; }\n"
+        ".number { text-align: right; }\n"
+        "td:not(:last-child) { white-space: nowrap; }\n"
+        "td:last-child:not(.number) { overflow-wrap: anywhere; width: 100%; }\n"
+        "thead { display: table-header-group; }\n" /* on each sheet */
+        "tr, figure { break-inside: avoid; }\n"
+        "figure { margin: 6pt 0; }\n"
+        "ul.key { display: flex; flex-wrap: wrap; gap: 6pt; list-style: none; margin: 8pt 0; padding: 0; }\n"
+        "ul.key li { border: 1px solid #999; flex: 1; padding: 4pt 8pt; }\n"
+        "ul.key b { display: block; font-size: 15pt; white-space: nowrap; }\n"
+        "@page { margin: 1.5cm; size: A4; }\n"
+        "@media print { body { margin: 0; max-width: none; } }\n"
+        "</style>\n</head>\n<body>\n",
+        out);
     fprintf(out, "<h1>%s ", what);
     page_text(out, name);
     fputs("</h1>\n", out);
 }
 
+static bool is_column_used(const struct print_table *table, size_t column)
+{
+    for (size_t i = column; i < table->n; i += table->n_columns)
+        if (table->cells[i].text[0])
+            return true;
+    return false;
+}
+
+static void page_cell(FILE *out, const char *element, enum print_align align, const char *text)
+{
+    fprintf(out, "<%s%s>", element, align == PRINT_LEFT ? "" : " class=\"number\"");
+    page_text(out, text);
+    fprintf(out, "</%s>", element);
+}
+
 int page_table(FILE *out, struct print_table *table)
 {
     const bool failed = table->failed;
+    bool used[PRINT_COLUMNS];
     fputs(table->n > 0 ? "<table>\n<thead><tr>" : "", out);
-    for (size_t i = 0; i < table->n_columns && table->n > 0; i++) {
-        fputs("<th>", out);
-        page_text(out, table->columns[i].heading);
-        fputs("</th>", out);
+    for (size_t i = 0; i < table->n_columns && table->n > 0; i++)
+        if ((used[i] = is_column_used(table, i)))
+            page_cell(out, "th", table->columns[i].align, table->columns[i].heading);
+    fputs(table->n > 0 ? "</tr></thead>\n<tbody>" : "", out);
+    for (size_t i = 0; i < table->n; i++) {
+        const size_t column = i % table->n_columns;
+        fputs(column > 0 ? "" : "\n<tr>", out);
+        if (used[column])
+            page_cell(out, "td", table->columns[column].align, table->cells[i].text);
+        fputs(column + 1 < table->n_columns ? "" : "</tr>", out);
     }
-    for (size_t i = 0, column = 0; i < table->n;
-         i++, column = column + 1 < table->n_columns ? column + 1 : 0) {
-        fputs(column > 0 ? "<td>" : i > 0 ? "</tr>\n<tr><td>" : "</tr></thead>\n<tbody>\n<tr><td>", out);
-        page_text(out, table->cells[i].text);
-        fputs("</td>", out);
-    }
-    fputs(table->n > 0 ? "</tr>\n</tbody>\n</table>\n" : "", out);
+    fputs(table->n > 0 ? "\n</tbody>\n</table>\n" : "", out);
     print_table_close(table);
     return failed ? APC_ENOMEM : 0;
+}
+
+struct page_events {
+    FILE *out;
+    bool (*is)(const struct apc_event *event);
+    char *(*time)(apc_ns utc, char text[PRINT_LEN]);
+    size_t most, n;
+};
+
+static int put_event_row(void *ctx, const struct apc_event *event)
+{
+    struct page_events *p = ctx;
+    char time[PRINT_LEN];
+    if (!p->is(event) || p->n++ >= p->most)
+        return 0;
+    fputs(p->n == 1
+              ? "<table>\n<thead><tr><th>Time</th><th>Who</th><th>Kind</th><th>Message</th></tr></thead>\n"
+                "<tbody>\n<tr>"
+              : "<tr>",
+          p->out);
+    page_cell(p->out, "td", PRINT_LEFT, p->time(event->time, time));
+    page_cell(p->out, "td", PRINT_LEFT, event->source);
+    page_cell(p->out, "td", PRINT_LEFT, !strcmp(event->kind, "log") ? "entry" : event->kind);
+    page_cell(p->out, "td", PRINT_LEFT, event->text);
+    fputs("</tr>\n", p->out);
+    return 0;
+}
+
+int page_events(FILE *out, struct apc_store *store, const struct apc_range *range,
+                bool (*is)(const struct apc_event *event), char *(*time)(apc_ns utc, char text[PRINT_LEN]),
+                size_t most)
+{
+    struct page_events p = {out, is, time, most, 0};
+    const int rc = apc_store_events(store, range, put_event_row, &p);
+    fputs(p.n > 0 ? "</tbody>\n</table>\n" : "<p>None</p>\n", out);
+    page_left_out(out, p.n, most);
+    return rc < 0 ? rc : (int)p.n;
+}
+
+void page_left_out(FILE *out, size_t n, size_t most)
+{
+    if (n > most)
+        fprintf(out, "<p><b>%zu rows are left out</b>: there are %zu, and the first %zu are shown.</p>\n",
+                n - most, n, most);
 }

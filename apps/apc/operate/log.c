@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc log: an entry in the log book, or the log book as a page. */
 #include <stddef.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -51,6 +52,16 @@ static int name_of_plant(struct apc_store *store, char name[APC_TAG_LEN], struct
     return rc < 0 ? rc : 0;
 }
 
+static int put_log_page(struct apc_store *store, const char *plant, const struct apc_range *range)
+{
+    char from[PRINT_LEN], to[PRINT_LEN];
+    page_begin(stdout, "Log book", plant);
+    printf("<p>From %s to %s, UTC</p>\n", print_second(range->since, from), print_second(range->until, to));
+    const int n = page_events(stdout, store, range, logbook_is_entry, print_second, SIZE_MAX);
+    printf("<p>Entries: %d</p>\n</body>\n</html>\n", n);
+    return n;
+}
+
 static int show_log_page(const struct cli *cli, const struct log_options *own)
 {
     struct apc_range range = {.until = apc_clock_utc(NULL)};
@@ -64,11 +75,11 @@ static int show_log_page(const struct cli *cli, const struct log_options *own)
         return EXIT_USAGE;
     if (range.since >= range.until)
         return cli_usage(cli, "--since must be before --until");
-    int rc = exit_code_of(cli_open(cli, &store));
+    int rc = exit_code_of(cli_open(cli, &store)), n;
     if (rc == EXIT_OK && (rc = name_of_plant(store, name, &why)) < 0)
         rc = cli_error(cli, rc, "%s", why.text);
-    if (rc == EXIT_OK && (rc = log_html(store, name, &range, stdout)) < 0)
-        rc = cli_store_error(cli, rc, store);
+    if (rc == EXIT_OK && (n = put_log_page(store, name, &range)) < 0)
+        rc = cli_store_error(cli, n, store);
     apc_store_close(store);
     return rc;
 }

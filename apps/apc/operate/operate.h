@@ -23,8 +23,6 @@ int operate_find(const struct cli *cli, const struct plant_view *plant, const ch
 /* The same, to whatever value. */
 int operate_find_any(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
                      struct change *change);
-/* The entries of that time as an HTML page. Returns 0 or the store's error. */
-int log_html(struct apc_store *store, const char *plant, const struct apc_range *range, FILE *out);
 /* Wait until each controller of it ticks, or one is known not to; as long as the simulation is paused it is not waited
  * for. Returns an exit code, its reason told. */
 int operate_ready(const struct cli *cli, struct apc_store *store, struct operation *o);

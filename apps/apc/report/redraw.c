@@ -1,7 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc report: the figure of a run folder again, and its figures. */
+#include <errno.h>
+#include <limits.h>
 #include <math.h>
+#include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "apc/common/cli.h"
@@ -23,7 +27,7 @@
 
 struct report_options {
     bool json;
-    const char *from, *to, *at;
+    const char *from, *to, *at, *html, *day;
 };
 
 #define AT(member) .to = offsetof(struct report_options, member)
@@ -38,6 +42,16 @@ static const struct option_spec own_options[] = {
      "What predictive laws expected at TIME and what came: a table instead of the figures of control, and "
      "curves in report.png",
      OPTION_TEXT, AT(at)},
+    {"html", 0, "FILE",
+     "Write a report as a page for paper: the loops' KPIs and trends, outages, alarms, log book, what people "
+     "wrote, what "
+     "else happened. Of --store, or of the run's store. FILE may be a folder, and the page then has the name "
+     "of plant and "
+     "day; -: stdout",
+     OPTION_TEXT, AT(html)},
+    {"day", 0, "DATE",
+     "Of a store: that day, as 2026-01-31, today or yesterday, of local time; instead of --from and --to",
+     OPTION_TEXT, AT(day)},
     {0},
 };
 
@@ -113,6 +127,147 @@ static int put_kpis(const struct kpis *m, const struct experiment *e, apc_ns sta
     return 0;
 }
 
+/* A day of local time, which may have 23 or 25 hours. */
+static int take_day(const struct cli *cli, const char *day, apc_ns *from, apc_ns *to)
+{
+    const bool yesterday = !strcmp(day, "yesterday");
+    time_t now = apc_clock_utc(NULL) / APC_NS_PER_S;
+    struct tm t;
+    if (!localtime_r(&now, &t))
+        return cli_error(cli, APC_ESYS, "--day: the local time is not known");
+    t.tm_hour = t.tm_min = t.tm_sec = 0;
+    t.tm_mday -= yesterday;
+    if (!yesterday && strcmp(day, "today") != 0) {
+        const char *end = strptime(day, "%Y-%m-%d", &t);
+        if (!end || *end)
+            return cli_usage(cli, "--day \"%s\": must be a day, as 2026-01-31, today or yesterday", day);
+    }
+    const int month = t.tm_mon, mday = t.tm_mday;
+    t.tm_isdst = -1;
+    *from = mktime(&t) * APC_NS_PER_S;
+    if (!yesterday && (t.tm_mon != month || t.tm_mday != mday))
+        return cli_usage(cli, "--day \"%s\": there is no such day", day);
+    t.tm_mday++;
+    t.tm_isdst = -1;
+    *to = mktime(&t) * APC_NS_PER_S;
+    return EXIT_OK;
+}
+
+/* What --day, --from and --to say of a store; none of them: the last day. */
+static int take_store_window(const struct cli *cli, const struct report_options *o, apc_ns *from, apc_ns *to)
+{
+    *to = apc_clock_utc(NULL);
+    if (o->day)
+        return take_day(cli, o->day, from, to);
+    if (cli_time(cli, "to", o->to, to))
+        return EXIT_USAGE;
+    *from = *to - DAY;
+    return cli_time(cli, "from", o->from, from);
+}
+
+/* ---- A page ------------------------------------------------------------------------------- */
+
+/* Of a run from its start to the newest that was measured. */
+static int take_run_window(const struct cli *cli, struct apc_store *store, const struct known_plant *plant,
+                           apc_ns *from, apc_ns *to)
+{
+    struct apc_sample newest = {.table = APC_SENSOR};
+    *to = 0;
+    for (size_t i = 0; i < plant->view.n; i++) {
+        newest.id = plant->tag[i].id;
+        const int rc = plant->tag[i].table == APC_SENSOR ? apc_store_read(store, &newest, 1) : 0;
+        if (rc < 0)
+            return cli_store_error(cli, rc, store);
+        *to = newest.seq > 0 && newest.time >= *to ? newest.time + 1 : *to;
+    }
+    return *to > 0 ? cli_time(cli, "from", "0", from) : cli_error(cli, APC_ENOTFOUND, "nothing was recorded");
+}
+
+static int take_page_window(const struct cli *cli, const struct report_options *o, struct apc_store *store,
+                            apc_ns *from, apc_ns *to)
+{
+    struct known_plant plant;
+    int rc = known_load(&plant, store), status = rc < 0 ? cli_store_error(cli, rc, store) : EXIT_OK;
+    const apc_ns now = apc_store_now(store);
+    if (status == EXIT_OK && cli->folder && !o->from && !o->to && !o->day)
+        status = take_run_window(cli, store, &plant, from, to);
+    else if (status == EXIT_OK)
+        status = take_store_window(cli, o, from, to);
+    known_free(&plant);
+    *to = *to < now ? *to : now;
+    if (status == EXIT_OK && *from >= *to)
+        return cli_usage(cli, "the window is empty: it ends before it begins, or is in the future");
+    return status;
+}
+
+/* The page appears whole or not at all. */
+static int write_page(const char *path, struct apc_store *store, const struct page_window *w,
+                      struct apc_error *why)
+{
+    char part[PATH_MAX + 8];
+    snprintf(part, sizeof part, "%.4000s.part", path);
+    FILE *out = fopen(part, "we");
+    if (!out)
+        return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    int rc = report_page(out, store, w, why);
+    const bool failed = ferror(out);
+    if ((fclose(out) != 0 || failed) && rc == 0)
+        rc = apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    if (rc < 0)
+        (void)remove(part);
+    return rc < 0 ? rc : folder_replace(part, path, why);
+}
+
+static void name_page(const char *html, const struct page_window *w, char path[PATH_MAX])
+{
+    char day[PRINT_LEN];
+    struct stat at;
+    if (stat(html, &at) == 0 && S_ISDIR(at.st_mode))
+        snprintf(path, PATH_MAX, "%.3800s/%s%s%.10s.html", html, w->plant, w->plant[0] ? "-" : "",
+                 report_time(w->from, day));
+    else
+        snprintf(path, PATH_MAX, "%.4000s", html);
+}
+
+static int put_page(const struct cli *cli, const struct report_options *o, struct apc_store *store)
+{
+    struct page_window w = {.plant = ""};
+    struct apc_error why;
+    struct experiment e = {0};
+    int64_t revision;
+    char path[PATH_MAX];
+    const int status = take_page_window(cli, o, store, &w.from, &w.until);
+    if (status != EXIT_OK)
+        return status;
+    int rc = experiment_stored(&e, store, &revision, &why);
+    if (rc > 0)
+        w.plant = e.name;
+    name_page(o->html, &w, path);
+    if (rc >= 0)
+        rc = strcmp(o->html, "-") != 0 ? write_page(path, store, &w, &why)
+                                       : report_page(stdout, store, &w, &why);
+    experiment_free(&e);
+    if (rc == 0 && strcmp(o->html, "-") != 0)
+        printf("report: %s\n", path);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+static int make_page(struct cli *cli, const struct report_options *o)
+{
+    struct apc_store *store = NULL;
+    if (cli->n_args > 0 && cli->store_given)
+        return cli_usage(cli, "a run folder or --store: which of the two?");
+    if (cli->n_args > 0) {
+        cli->store = cli->args[0];
+        cli_find_store(cli);
+    }
+    int status = exit_code_of(cli_open(cli, &store));
+    if (status == EXIT_OK)
+        status = put_page(cli, o, store);
+    apc_store_close(store);
+    return status;
+}
+
 /* Of a part of a run. */
 static int report_window(const struct cli *cli, const struct report_options *o, const struct experiment *e)
 {
@@ -137,12 +292,10 @@ static int report_of_store(const struct cli *cli, const struct report_options *o
     struct kpis kpis = {0};
     struct apc_store *store = NULL;
     struct apc_error why;
-    apc_ns to = apc_clock_utc(NULL), from;
-    if (cli_time(cli, "to", o->to, &to))
-        return EXIT_USAGE;
-    from = to - DAY;
-    if (cli_time(cli, "from", o->from, &from))
-        return EXIT_USAGE;
+    apc_ns to, from;
+    const int status = take_store_window(cli, o, &from, &to);
+    if (status != EXIT_OK)
+        return status;
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
@@ -253,6 +406,14 @@ int command_report(int argc, char **argv)
         return cli_usage(&cli, "expected a run folder, or --store");
     if (options.at && (options.from || options.to))
         return cli_usage(&cli, "--at is of one time: without --from and --to");
+    if (options.day && (options.from || options.to || options.at))
+        return cli_usage(&cli, "--day is the window: without --from, --to and --at");
+    if (options.html && (options.at || options.json))
+        return cli_usage(&cli, "--html is of a window, and no JSON: without --at and --json");
+    if (options.day && cli.n_args > 0 && !options.html)
+        return cli_usage(&cli, "--day is of a store, or of --html");
+    if (options.html)
+        return cli_done(&cli, make_page(&cli, &options));
     if (cli.n_args == 0)
         return cli_done(&cli, options.at ? report_prediction_of_store(&cli, &options)
                                          : report_of_store(&cli, &options));

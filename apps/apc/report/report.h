@@ -4,6 +4,7 @@
 #define APC_REPORT_H
 
 #include "apc/common/cli.h"
+#include "apc/common/print.h"
 #include "experiment/experiment.h"
 #include "record/record.h"
 
@@ -26,5 +27,24 @@ struct report_part {
 };
 int report_leave_part(const char *dir, const struct experiment *e, const char *title,
                       const struct report_part *part, struct apc_error *why);
+
+/* ---- A page of a window ---------------------------------------------------------------------- */
+
+#define PAGE_ROWS  10000 /* of a table */
+#define PAGE_LOOPS 50    /* that are drawn */
+
+struct page_window {
+    apc_ns from, until; /* UTC */
+    const char *plant;  /* "": it has no name */
+};
+
+/* What a store recorded in a window, as a page for paper: figures, loops, outages, alarms, what people wrote and entered,
+ * what else happened. Times are local. Returns 0 or a negative error. */
+int report_page(FILE *out, struct apc_store *store, const struct page_window *window, struct apc_error *why);
+/* A loop's measurement, setpoint and output there, as SVG. Returns 0 or the store's error. */
+int report_trend(FILE *out, struct apc_store *store, const struct known_plant *plant,
+                 const struct loops_loop *loop, const struct page_window *window);
+/* Local time to the second. */
+char *report_time(apc_ns utc, char text[PRINT_LEN]);
 
 #endif

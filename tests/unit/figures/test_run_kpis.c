@@ -116,6 +116,10 @@ static void time_in_service_is_that_of_the_laws_own_answers(void **state)
     assert_near(m.loop[0].service, (10 + 10 + 10 + 8 + 6.1) / 100, 1e-9);
     assert_near(m.loop[0].low, 0.04, 1e-9);
     assert_near(m.loop[0].high, (8 + 6.1) / 100, 1e-9);
+    const double in[] = {0.2, (40 + 14.1) / 100, 0, 0.1, 0, 0.1};
+    for (int i = APC_MODE_MAN; i <= APC_MODE_LO; i++)
+        assert_near(m.loop[0].mode[i], in[i], 1e-9);
+    assert_near(m.loop[0].stopped, 0.059, 1e-9);
     make(35, 45); /* what was before the window still holds in it */
     assert_near(m.loop[0].service, 0.5, 1e-9);
     make(0, 10);
@@ -145,6 +149,8 @@ static void deviations_with_and_without_service_are_those_by_hand(void **state)
     assert_near(m.loop[0].without, 3 * sqrt(100.0 / 99), 1e-12);
     assert_near(m.loop[0].with, sqrt(100.0 / 99), 1e-12);
     assert_near(m.loop[0].benefit, 2.0 / 3, 1e-12);
+    /* each measurement holds until the next, which is Bad; the first one for half a second */
+    assert_near(m.loop[0].iae, 89 * 0.5 + 100 * 0.2 * (3 + 1), 1e-6);
     make(100, 200);
     assert_true(isnan(m.loop[0].without) && isnan(m.loop[0].benefit));
     make(90, 200); /* out of service for a moment: five periods */
@@ -239,6 +245,50 @@ static void a_store_is_judged_of_the_time_it_knows(void **state)
     }
 }
 
+static void append(enum apc_table table, int id, int t, apc_status status)
+{
+    const struct apc_sample s = {
+        .table = table, .id = id, .seq = t + 1, .time = t * S, .status = status, .value = t};
+    assert_int_equal(apc_store_append(published, &s, 1), 1);
+}
+
+/* Promise(laws): Outages of a report are what the record lacks: measurements that did not come or were Bad, and
+ *   outputs that no controller wrote; what went and came together is one, and what never came is none. */
+static void outages_are_what_the_record_lacks(void **state)
+{
+    static const struct apc_tag of[] = {
+        {.table = APC_SENSOR, .id = 1, .name = "y1", .period = 1},
+        {.table = APC_SENSOR, .id = 2, .name = "y2", .period = 1},
+        {.table = APC_SENSOR, .id = 3, .name = "never", .period = 1},
+        {.table = APC_SENSOR, .id = 4, .name = "seldom"},
+        {.table = APC_ACTUATOR, .id = 1, .name = "u", .period = 2},
+    };
+    static const struct outage expected[] = {{119 * S, 130 * S, APC_SENSOR, APC_GOOD, 0, 2},
+                                             {150 * S, 155 * S, APC_SENSOR, APC_BAD, 0, 1},
+                                             {160 * S, 200 * S, APC_ACTUATOR, APC_GOOD, 4, 1}};
+    struct outages o;
+    (void)state;
+    assert_int_equal(apc_store_put_tags(published, of, sizeof of / sizeof *of), sizeof of / sizeof *of);
+    append(APC_SENSOR, 4, 100, APC_GOOD);
+    for (int t = 90; t < 200; t++) {
+        if (t < 120 || t >= 130) {
+            append(APC_SENSOR, 1, t, t >= 150 && t < 155 ? APC_BAD : APC_GOOD);
+            append(APC_SENSOR, 2, t, APC_GOOD);
+        }
+        if (t % 2 == 0 && t <= 160)
+            append(APC_ACTUATOR, 1, t, APC_GOOD);
+    }
+    assert_int_equal(outages_of_store(&o, published, 100 * S, 200 * S), 0);
+    assert_int_equal(o.n, sizeof expected / sizeof *expected);
+    assert_memory_equal(o.at, expected, sizeof expected);
+    assert_true(o.down == (11 + 5 + 40) * S);
+    outages_free(&o);
+    assert_int_equal(outages_of_store(&o, published, 125 * S, 152 * S), 0);
+    assert_int_equal(o.n, 2);
+    assert_true(o.at[0].from == 125 * S && o.at[1].until == 152 * S && o.down == 7 * S);
+    outages_free(&o);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -247,6 +297,7 @@ int main(void)
         TEST(deviations_with_and_without_service_are_those_by_hand),
         TEST(predictions_are_held_against_what_was_measured_then),
         TEST(a_store_is_judged_of_the_time_it_knows),
+        TEST(outages_are_what_the_record_lacks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A report as a page: of a run, of a day of local time, of more than a page may hold.
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+# Promise(page): `apc report --html` writes what a plant did in any window or on a day as a page for paper: KPIs of its loops,
+#   outages, alarms, log book, what people wrote and trends. What people entered is text there and never markup.
+
+# ---- Of a run: its alarms and its loops
+expect 0 '' env -u APC_STORE "$apc" run "$APC_SOURCE_DIR/experiments/alarms/pump-failure.conf" --no-ui --speed max -d 1500 -o "$work/run"
+mkdir "$work/pages"
+# Types(page): apc report --day yesterday --html report.html
+expect 0 'report: .*/pages/pump-failure-2000-01-01\.html' env -u APC_STORE TZ=UTC "$apc" report "$work/run" --html "$work/pages"
+shown() {
+  python3 - "$@" <<'END'
+import html.parser, re, sys
+class Page(html.parser.HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open, self.rows, self.tags = [], [], set()
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        if tag not in ("meta", "path", "rect"):
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+    def handle_startendtag(self, tag, attrs):
+        self.tags.add(tag)
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, tag
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+page = Page()
+page.feed(open(sys.argv[1], encoding="utf-8").read())
+assert not page.open and not page.tags & {"script", "i"}, (page.open, page.tags)
+rows = [" | ".join(row) for row in page.rows]
+for wanted in sys.argv[2:]:
+    assert any(re.search(wanted, row) for row in rows), (wanted, rows[:40])
+END
+}
+page=$work/pages/pump-failure-2000-01-01.html
+shown "$page" '^Loop \| Health \| In service % \| Auto %' '^F2 \| \w+ \| 100 \| 100 \| ' '^h2\.low \| 2 \| 1 \| .* \| tank 2 nearly empty$' \
+  '^2000-01-01 00:00:\d\d \| apc-controller \| mode \| mode Auto$' '^F2\.at-limit \| 2 \| Latched Unacknowledged \| 2000-01-01 00:' ||
+  fail "the page lacks something: $(head -c 4000 "$page")"
+[ "$(grep -c '<svg ' "$page")" = 2 ] || fail "two loops are $(grep -c '<svg ' "$page") trends"
+expect 0 '<h1>Report pump-failure</h1>' env -u APC_STORE "$apc" report "$work/run" --from 500 --to 1000 --html -
+! grep -q 'nan\|inf"' "$page" || fail "a trend has what is no number"
+
+# ---- Of a day: of local time, which has 23 hours when summer time begins
+expect 0 '' "$apc" init "$APC_SOURCE_DIR/experiments/first-order.conf"
+sql "INSERT INTO apc.event (time, severity, source, kind, text, class) VALUES
+     ('2025-03-29T22:59:59Z', 1, 'anna', 'log', 'the day before', 'operator'), ('2025-03-29T23:00:00Z', 1, 'anna', 'log', '<script>first</script> & \"Ähre\"', 'operator'),
+     ('2025-03-30T21:59:59Z', 1, 'anna', 'operator', 'r: 10 -> 12 (<i>more</i>)', 'operator'), ('2025-03-30T22:00:00Z', 1, 'anna', 'log', 'the day after', 'operator')" >/dev/null
+expect 0 '' env TZ=Europe/Berlin LC_ALL=C.UTF-8 "$apc" report --day 2025-03-30 --html "$work/day.html"
+shown "$work/day.html" '^2025-03-30 00:00:00 \| anna \| entry \| <script>first</script> & "Ähre"$' '^2025-03-30 23:59:59 \| anna \| operator \| r: 10 -> 12 \(<i>more</i>\)$' ||
+  fail "not that day: $(tail -c 3000 "$work/day.html")"
+! grep -q 'the day' "$work/day.html" || fail "there is another day in it"
+grep -q 'From 2025-03-30 00:00:00 until 2025-03-31 00:00:00' "$work/day.html" || fail "not from midnight to midnight"
+grep -q 'Nothing is on record' "$work/day.html" || fail "not said that nothing was recorded"
+expect 0 'report: .*/pages/first-order-20' "$apc" report --day yesterday --html "$work/pages"
+
+# ---- Of 10 001 entries
+sql "INSERT INTO apc.event (time, severity, source, kind, text, class)
+     SELECT timestamptz '2025-05-01T00:00:00Z' + i * interval '1 second', 1, 'anna', 'log', 'entry ' || i, 'operator' FROM generate_series(0, 10000) i" >/dev/null
+TZ=UTC expect 0 '' "$apc" report --day 2025-05-01 --html "$work/many.html"
+[ "$(grep -c '<tr><td>.*<td>entry</td>' "$work/many.html")" = 10000 ] || fail "not 10 000 entries"
+grep -q '<b>1 rows are left out</b>: there are 10001' "$work/many.html" || fail "not said what is left out"
+
+# ---- What cannot be
+expect 2 'must be a day, as 2026-01-31' "$apc" report --day 2026-13-01 --html -
+expect 2 'there is no such day' "$apc" report --day 2026-02-30 --html -
+expect 2 'without --from, --to and --at' "$apc" report --day today --from -1h
+expect 2 'the window is empty' "$apc" report --from 2099-01-01 --html -
+expect 2 'which of the two' "$apc" report "$work/run" --store sqlite:other --html -
+expect 1 'cannot be written' "$apc" report --day 2025-05-01 --html "$work/none/page.html"
+mkdir "$work/full"
+if mount -t tmpfs -o size=64k none "$work/full" 2>/dev/null; then
+  echo before >"$work/full/page.html"
+  expect 1 'cannot be written' "$apc" report --from 2025-05-01 --to 2025-05-02 --html "$work/full/page.html"
+  [ "$(cat "$work/full/page.html")" = before ] && [ ! -e "$work/full/page.html.part" ] || fail "a full disk left half a page"
+  umount "$work/full"
+fi
