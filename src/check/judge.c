@@ -238,6 +238,7 @@ static void judge_settling(const struct expectation *x, struct pieces p,
     apc_ns until = x->until, settled = INT64_MIN;
     const struct check_point *r = setpoint_from(setpoints, x->from, &until), *y = NULL;
     double band = x->percent ? (double)NAN : x->number;
+    bool gap = false; /* not known: it is still settled if it is inside again afterwards */
 
     set_verdict(v, CHECK_UNKNOWN, x->from, NULL);
     v->until = until;
@@ -250,10 +251,11 @@ static void judge_settling(const struct expectation *x, struct pieces p,
         const bool inside = piece.is && fabs(piece.is->value - r->value) <= band;
         if (inside && settled == INT64_MIN)
             settled = later_of(piece.from, x->from);
+        gap = !piece.is;
         if (inside)
             continue;
-        settled = INT64_MIN;
         if (piece.is) {
+            settled = INT64_MIN;
             set_verdict(v, CHECK_FAILED, earlier_of(piece.until, until), piece.is);
         } else {
             set_verdict(v, CHECK_UNKNOWN, later_of(piece.from, x->from), NULL);
@@ -264,7 +266,7 @@ static void judge_settling(const struct expectation *x, struct pieces p,
         return;
     if (!(band > 0))
         check_say_unknown(v, "the setpoint is where the measurement is: no step");
-    else if (settled != INT64_MIN)
+    else if (settled != INT64_MIN && !gap)
         set_verdict(v, settled - x->from <= x->time ? CHECK_HELD : CHECK_FAILED, settled, y);
 }
 

@@ -170,6 +170,22 @@ static void settling_is_of_the_step_and_until_the_next_one(void **state)
     assert_judged(room, "settles y within 6.0 in 20 s from 50 s", CHECK_UNKNOWN, 99.5);
 }
 
+/* y has settled at 2 s, and is lost from 40 s to 41 s. */
+static void a_gap_after_settling_counts_only_if_it_is_outside_afterwards(void **state)
+{
+    struct room *room = *state;
+    const struct expectation x = expected(room, "settles y within 1.0 in 5 s");
+    put(room, x.setpoint, 0, 20);
+    put(room, x.trajectory, 0, 10);
+    put_steady(room, x.trajectory, 2, 40, 20);
+    put(room, x.trajectory, 40, (double)NAN);
+    room->sources.at[x.trajectory].horizon = 0;
+    assert_judged(room, "settles y within 1.0 in 5 s", CHECK_UNKNOWN, 40);
+    put_steady(room, x.trajectory, 41, 60, 20.5);
+    assert_judged(room, "settles y within 1.0 in 5 s", CHECK_HELD, 2);
+    assert_judged(room, "settles y within 0.4 in 5 s", CHECK_FAILED, 100);
+}
+
 static void an_output_is_at_its_fault_value_only_if_it_is_not_its_laws(void **state)
 {
     struct room *room = *state;
@@ -592,6 +608,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_is_not_known_neither_satisfies_nor_excuses, begin, end),
         cmocka_unit_test_setup_teardown(after_the_end_of_a_run_nothing_is_known, begin, end),
         cmocka_unit_test_setup_teardown(settling_is_of_the_step_and_until_the_next_one, begin, end),
+        cmocka_unit_test_setup_teardown(a_gap_after_settling_counts_only_if_it_is_outside_afterwards, begin,
+                                        end),
         cmocka_unit_test_setup_teardown(an_output_is_at_its_fault_value_only_if_it_is_not_its_laws, begin,
                                         end),
         cmocka_unit_test_setup_teardown(alarms_are_raised_and_acknowledged, begin, end),
