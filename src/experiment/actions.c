@@ -191,7 +191,7 @@ static void describe_written(const struct apc_sample *s, char *text, size_t size
     decimal_shortest(s->value, 15, number);
     snprintf(text, size, "%s",
              owner                                  ? loops_owner_name(loops_is_local(s))
-             : s->seq == 0                          ? "none"
+             : s->seq == 0                          ? "no value yet"
              : mode && apc_mode_name((int)s->value) ? apc_mode_name((int)s->value)
                                                     : number);
 }

@@ -28,7 +28,7 @@ char *change_text(const struct apc_sample *s, char text[CHANGE_TEXT])
 {
     const bool is_mode = s->table == APC_OPMODE && s->id < LOOPS_IDS && s->value >= 0;
     const char *word = loops_is_owner(s) ? loops_owner_name(loops_is_local(s))
-                       : s->seq == 0     ? "none"
+                       : s->seq == 0     ? "no value yet"
                        : is_mode         ? apc_mode_name((int)s->value)
                                          : NULL;
     if (!word)

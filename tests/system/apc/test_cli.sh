@@ -259,7 +259,7 @@ test_get_says_so_when_there_is_no_sample() {
 # Promise(run/commands-operator-answer)
 test_set_writes_setpoints() {
   run 0 set r 10 --no-wait
-  out_is "r: none -> 10
+  out_is "r: no value yet -> 10
 r taken Local, the scheduler stands aside"
   run 0 set setpoint.1 12 --no-wait
   out_is "r: 10 -> 12"
@@ -312,7 +312,7 @@ test_several_pairs_are_all_or_nothing() {
   refused 4 "u = 11 lies outside its limits -10 to 10" set r 3 u 11
   run 0 mode man --no-wait
   run 0 set r 3 u -2 --no-wait
-  out_is $'r: -5 -> 3\nu: none -> -2'
+  out_is $'r: -5 -> 3\nu: no value yet -> -2'
   equal "$(sql "SELECT count(DISTINCT xmin::text) FROM (SELECT xmin FROM apc.setpoint WHERE value = 3
                    UNION ALL SELECT xmin FROM apc.manual WHERE value = -2) AS t")" 1 "one transaction"
   equal "$(newest manual 1)" -2 "the operator's output"
@@ -420,7 +420,7 @@ test_history_gives_rows_in_their_order() {
   out_is_json
   run 0 history --events --csv
   out_has '^time,severity,source,kind,text$'
-  out_has '^[^,]*Z,info,"[^"]+","operator","r: none -> 10"$'
+  out_has '^[^,]*Z,info,"[^"]+","operator","r: no value yet -> 10"$'
 }
 
 test_values_are_shown_with_age_and_status() {

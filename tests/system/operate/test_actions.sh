@@ -17,7 +17,7 @@ unset APC_STORE
 cut -d, -f1,2,3,4,5 "$work/sim/events.csv" | grep operator >"$work/events"
 diff - "$work/events" <<'EVENTS' || fail "not what was asked for"
 0.510000,info,apc-simulate,operator,"u: Auto -> Man"
-0.710000,info,apc-simulate,operator,"manual: none -> 1.25"
+0.710000,info,apc-simulate,operator,"manual: no value yet -> 1.25"
 0.910000,info,apc-simulate,operator,"Kp: 0.2 -> 0.15"
 1.110000,info,apc-simulate,operator,"r: 10 -> 7"
 EVENTS
@@ -49,7 +49,7 @@ grep -E ',apc-run,operator,' "$work/run/events.csv" | cut -d, -f5 >"$work/events
 # Promise(experiment/actions-taken-time)
 diff - "$work/events" <<'EVENTS' || fail "not what was asked for, in real time"
 "u: Auto -> Man"
-"manual: none -> 1.25"
+"manual: no value yet -> 1.25"
 "Kp: 0.2 -> 0.15"
 "r: 10 -> 7"
 EVENTS

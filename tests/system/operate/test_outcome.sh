@@ -83,7 +83,7 @@ expect 0 '^r: [-.0-9]+ -> 7$' "$apc" set r 7 --no-wait
 # a store that no controller has ever ticked in
 "$apc" init "$work/fast.conf" --store "sqlite:$work/new.db" >/dev/null
 expect 4 'nobody applies it: the controller has never ticked' "$apc" set r 7 --store "sqlite:$work/new.db"
-expect 0 'none -> 7' "$apc" set r 7 --no-wait --store "sqlite:$work/new.db"
+expect 0 'no value yet -> 7' "$apc" set r 7 --no-wait --store "sqlite:$work/new.db"
 
 # ---- Written, and then nobody is there: a controller that stands still meanwhile
 # Promise(run/write-outcome-applied)

@@ -321,7 +321,7 @@ static void an_output_is_for_loops_in_man(void **state)
                                .origin = seq,
                                .status = APC_BAD});
     assert_settled("refused: its loop is not in Man");
-    assert_string_equal(events(), "u: none -> 3 (request 4 of apc_operator: because)\n");
+    assert_string_equal(events(), "u: no value yet -> 3 (request 4 of apc_operator: because)\n");
 }
 
 static void what_is_not_confirmed_for_long_is_settled_so(void **state)
@@ -410,7 +410,7 @@ static void an_event_that_is_missing_is_made_up_for(void **state)
     assert_int_equal(said.seq, 2);
     assert_string_equal(said.outcome, "applied");
     char expected[100];
-    snprintf(expected, sizeof expected, "u.Kp: none -> 0.4 (request %lld of apc_operator: because)\n",
+    snprintf(expected, sizeof expected, "u.Kp: no value yet -> 0.4 (request %lld of apc_operator: because)\n",
              (long long)asked.id);
     assert_string_equal(events(), expected);
 }

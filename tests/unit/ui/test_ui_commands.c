@@ -90,7 +90,7 @@ static void a_reason_is_on_record_with_every_kind_of_write(void **state)
         {post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":1,\"reason\":\"as well\"}",
          "u2 mode: Auto -> Man (from 10.0.0.7): as well"},
         {post_output, "{\"id\":2,\"value\":1,\"seq\":0,\"reason\":\"by hand\"}",
-         "u2: none -> 1 (from 10.0.0.7): by hand"},
+         "u2: no value yet -> 1 (from 10.0.0.7): by hand"},
         {post_setpoint, "{\"id\":1,\"value\":7,\"seq\":2,\"reason\":\"\"}", "r1: 6 -> 7 (from 10.0.0.7)"}};
     char body[200];
     (void)state;
@@ -111,7 +111,7 @@ static void what_had_no_value_and_what_is_a_mode_are_recorded_in_words(void **st
 {
     (void)state;
     json_decref(post(post_setpoint, "{\"id\":2,\"value\":-3,\"seq\":0}"));
-    assert_string_equal(newest_text(), "r2: none -> -3 (from 10.0.0.7)");
+    assert_string_equal(newest_text(), "r2: no value yet -> -3 (from 10.0.0.7)");
     put(APC_OPMODE, 2, APC_MODE_AUTO);
     json_decref(post(post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":1}"));
     assert_string_equal(newest_text(), "u2 mode: Auto -> Man (from 10.0.0.7)");
@@ -156,7 +156,7 @@ static void an_output_is_the_operators_in_man_only(void **state)
     assert_int_equal(refused(post_output, "{\"id\":2,\"value\":1,\"seq\":0}"), 0);
     put(APC_OPMODE, 3, APC_MODE_MAN); /* its output is a setpoint, and has the limits of that */
     assert_int_equal(refused(post_output, "{\"id\":3,\"value\":-100,\"seq\":0}"), 0);
-    assert_string_equal(newest_text(), "r1: none -> -100 (from 10.0.0.7)");
+    assert_string_equal(newest_text(), "r1: no value yet -> -100 (from 10.0.0.7)");
     assert_int_equal(refused(post_output, "{\"id\":3,\"value\":-101,\"seq\":1}"), 422);
 }
 
