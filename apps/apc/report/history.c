@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc history: rows of one variable, or events, given out as they come from the store. */
+/* apc history: rows of one variable, or events, given out as they come from the store; or their statistics. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,7 +10,7 @@
 
 struct history_options {
     const char *since, *until;
-    bool events;
+    bool events, statistics;
     size_t last; /* 0: not given */
 };
 
@@ -20,9 +21,13 @@ static const struct option_spec own_options[] = {
      "10m, 2h, 1d; seconds alone as -600",
      OPTION_TEXT, AT(since)},
     {"until", 0, "TIME", "Only before TIME, written in the same way", OPTION_TEXT, AT(until)},
-    {"last", 'n', "N", "Only the newest N; default 20, or all when a time is given", OPTION_WHOLE, AT(last),
-     .low = 1, .high = 1e15, .must = "be a whole number from 1"},
+    {"last", 'n', "N", "Only the newest N; default 20, or all when a time or --statistics is given",
+     OPTION_WHOLE, AT(last), .low = 1, .high = 1e15, .must = "be a whole number from 1"},
     {"events", 0, NULL, "Events instead of a variable's values", OPTION_FLAG, AT(events)},
+    {"statistics", 0, NULL,
+     "Number, minimum, mean, maximum and standard deviation of the values instead of each; Bad ones are only "
+     "counted",
+     OPTION_FLAG, AT(statistics)},
     {0},
 };
 
@@ -173,6 +178,87 @@ static int show_variables(const struct cli *cli, struct apc_store *store, const 
     return rc;
 }
 
+/* ---- Statistics --------------------------------------------------------------------------- */
+
+struct statistics {
+    size_t n, bad;
+    double min, max, mean, square; /* square: sum of squared distances from the mean */
+};
+
+static int take_statistics(void *ctx, const struct apc_sample *s)
+{
+    struct statistics *of = ctx;
+    if (apc_status_severity(s->status) == APC_SEVERITY_BAD) {
+        of->bad++;
+        return 0;
+    }
+    const double off = s->value - of->mean;
+    of->mean += off / (double)++of->n;
+    of->square += off * (s->value - of->mean);
+    of->min = of->n == 1 ? s->value : fmin(of->min, s->value);
+    of->max = of->n == 1 ? s->value : fmax(of->max, s->value);
+    return 0;
+}
+
+static void show_statistics_of(struct rows *rows, struct print_table *table, const struct cli_tags *tags,
+                               const struct apc_sample *variable, const struct statistics *of)
+{
+    const double none = (double)NAN, sd = of->n > 1 ? sqrt(of->square / (double)(of->n - 1)) : none;
+    const double figure[] = {of->n ? of->min : none, of->n ? of->mean : none, of->n ? of->max : none, sd};
+    const struct apc_tag *tag = cli_tag(tags, variable->table, variable->id);
+    char name[PRINT_LEN];
+    print_name(tags, variable, name);
+    if (rows->format == CLI_JSON) {
+        next(rows);
+        json_add(&(struct text){.out = stdout},
+                 "{name:%s, table:%s, id:%d, unit:%s, samples:%zu, bad:%zu, min:%g, mean:%g, max:%g, sd:%g}",
+                 name, apc_table_name(variable->table), variable->id, tag ? tag->unit : "", of->n, of->bad,
+                 figure[0], figure[1], figure[2], figure[3]);
+        return;
+    }
+    print_cell(table, PRINT_PLAIN, "%s", name);
+    print_cell(table, PRINT_PLAIN, "%zu", of->n);
+    print_cell(table, PRINT_PLAIN, "%zu", of->bad);
+    for (size_t i = 0; i < 4; i++)
+        print_number(table, 6, figure[i]);
+    print_cell(table, PRINT_FAINT, "%s", tag ? tag->unit : "");
+}
+
+static int show_statistics(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
+                           struct rows *rows)
+{
+    static const struct print_column columns[] = {
+        {"NAME", PRINT_LEFT},  {"SAMPLES", PRINT_POINT}, {"BAD", PRINT_POINT}, {"MIN", PRINT_POINT},
+        {"MEAN", PRINT_POINT}, {"MAX", PRINT_POINT},     {"SD", PRINT_POINT},  {"UNIT", PRINT_LEFT}};
+    struct print_table table;
+    struct cli_tags tags;
+    struct apc_sample *variables = NULL;
+    int rc = cli_tags_load(cli, store, &tags);
+    if (rc < 0)
+        return exit_code_of(rc);
+    const int n = cli_variables(cli, &tags, NULL, &variables);
+    rc = exit_code_of(n);
+    print_table_open(&table, columns, 8);
+    for (int i = 0; i < n && rc == EXIT_OK; i++) {
+        struct statistics of = {0};
+        const int got =
+            apc_store_history(store, variables[i].table, variables[i].id, range, take_statistics, &of);
+        if (got < 0)
+            rc = cli_store_error(cli, got, store);
+        else
+            show_statistics_of(rows, &table, &tags, &variables[i], &of);
+    }
+    if (rows->format == CLI_JSON && n > 0)
+        end_rows(rows);
+    if (rows->format == CLI_TEXT && rc == EXIT_OK && print_table_end(&table, stdout, rows->colour, 0) < 0)
+        rc = cli_error(cli, APC_ENOMEM, "out of memory");
+    else
+        print_table_close(&table);
+    free(variables);
+    cli_tags_free(&tags);
+    return rc;
+}
+
 static int show_event_history(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
                               struct rows *rows)
 {
@@ -191,19 +277,24 @@ int command_history(int argc, char **argv)
     struct cli cli;
 
     cli_parse(&cli, &spec, &options, argc, argv);
-    if (options.events && cli.n_args > 0)
+    if (options.events && (cli.n_args > 0 || options.statistics))
         return cli_usage(&cli, "either a variable or --events");
+    if (options.statistics && cli.format == CLI_CSV)
+        return cli_usage(&cli, "--statistics has no CSV: take --json");
     if (!options.events && cli.n_args == 0)
         return cli_usage(&cli, "expected a variable, or --events");
     if (cli_time(&cli, "since", options.since, &range.since) ||
         cli_time(&cli, "until", options.until, &range.until))
         return EXIT_USAGE;
-    range.last = options.last || options.since || options.until ? options.last : LAST_DEFAULT;
+    const bool all = options.since || options.until || options.statistics;
+    range.last = options.last || all ? options.last : LAST_DEFAULT;
 
     struct rows rows = {.format = cli.format, .colour = cli_colour(), .cli = &cli};
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK && options.events)
         rc = show_event_history(&cli, store, &range, &rows);
+    else if (rc == EXIT_OK && options.statistics)
+        rc = show_statistics(&cli, store, &range, &rows);
     else if (rc == EXIT_OK)
         rc = show_variables(&cli, store, &range, &rows);
     if (rc == EXIT_OK && apc_store_error(store)[0])

@@ -414,6 +414,18 @@ test_history_gives_rows_in_their_order() {
   run 0 history y u Kp --last 1
   equal "$(grep -cE '^(y|u|Kp)$' "$work/out")" 3 "a heading a variable"
   err_has "u has no sample"
+  # Promise(stores/history-statistics): apc history --statistics gives number, minimum, mean, maximum and standard deviation of the values
+  #   of a window; Bad ones are only counted.
+  run 0 history y Kp u --since -3h --statistics
+  equal "$(tr -s ' ' <"$work/out" | head -2 | tr '\n' ';')" 'NAME SAMPLES BAD MIN MEAN MAX SD;y 1 1 12.5 12.5 12.5 -;' "statistics"
+  out_has '^u +0 +0 +- +- +- +-'
+  run 0 history y --since -630m --statistics --json
+  out_is_json
+  out_has '"samples":9,"bad":1,"min":11.375,"mean":11.8888888888888[0-9]*,"max":12.5,"sd":0.36680868'
+  run 0 history y --statistics --json
+  out_has '"samples":99,"bad":1'
+  run 2 history y --statistics --csv
+  run 2 history --events --statistics
   run 1 history y nonsense --csv
   out_empty
   run 0 history --events --json

@@ -21,7 +21,7 @@ offers() {
 }
 offers simulate apc sim
 offers 'maintain' apc mai
-offers '--since= --store=' apc history --s
+offers '--since= --statistics --store=' apc history --s
 offers 'man' apc mode ma
 offers 'transfer arx subspace fir' apc identify --model = ''
 offers 'subspace' apc identify --model = su
