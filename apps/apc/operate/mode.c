@@ -7,6 +7,7 @@
 #include "apc/common/mode_reason.h"
 #include "apc/common/print.h"
 #include "operate.h"
+#include "status_loops.h"
 
 static const struct cli_spec mode_spec = {
     .args_doc = "[LOOP|CONTROLLER] [man|auto|cas|oos]",
@@ -93,6 +94,8 @@ static struct apc_sample *read_loop_modes(const struct cli *cli, struct apc_stor
     return mode;
 }
 
+#define WHY_LEN (REASON_LEN + 40)
+
 /* ---- Showing ------------------------------------------------------------------------------ */
 
 static const char *mode_word(const struct apc_sample *mode)
@@ -110,17 +113,27 @@ static const char *common(const struct apc_sample *mode, size_t n)
     return word;
 }
 
-static void show_modes_json(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
+/* Why the loop is not in its target, and that its modes are its last; NULL: neither. */
+static const char *reason_of(const struct status_loops *s, const struct loops_loop *loop, char text[WHY_LEN])
+{
+    const size_t i = (size_t)(loop - s->plant->loops.at);
+    const struct entry_note *entry = status_loops_entry(s, i);
+    const bool stopped = entry && !strcmp(entry->code, "stopped");
+    snprintf(text, WHY_LEN, "%s%s%s", s->reason[i], stopped && s->reason[i][0] ? "; " : "",
+             stopped ? entry->text : "");
+    return text[0] ? text : NULL;
+}
+
+static void show_modes_json(const struct status_loops *s, const struct chosen *c,
                             const struct apc_sample *mode)
 {
     struct text t = {.out = stdout};
-    char why[REASON_LEN];
+    char why[WHY_LEN];
     json_add(&t, "{target:%s, actual:%s, loops:[", common(mode, c->n), common(mode + c->n, c->n));
     for (size_t i = 0; i < c->n; i++)
         json_add(&t, ",\n{loop:%s, controller:%s, target:%s, actual:%s, reason:%s}", c->loop[i]->name,
-                 plant->loops.controller[c->loop[i]->controller].name, mode_word(&mode[i]),
-                 mode_word(&mode[c->n + i]),
-                 mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
+                 s->plant->loops.controller[c->loop[i]->controller].name, mode_word(&mode[i]),
+                 mode_word(&mode[c->n + i]), reason_of(s, c->loop[i], why));
     json_add(&t, "]}\n");
 }
 
@@ -130,11 +143,11 @@ static void show_one(const struct apc_sample mode[2], const char *reason)
     char age[PRINT_LEN];
     for (int i = 0; i < 2; i++) {
         const char *word = mode_word(&mode[i]);
-        if (!word) {
-            printf("%s  none\n", names[i]);
-            continue;
-        }
-        printf("%s  %-4s  for %s", names[i], word, print_age(apc_clock_utc(NULL) - mode[i].time, age));
+        printf("%s  ", names[i]);
+        if (word)
+            printf("%-4s  for %s", word, print_age(apc_clock_utc(NULL) - mode[i].time, age));
+        else
+            fputs("none", stdout);
         if (i == 1 && reason) {
             fputs(": ", stdout);
             print_clean(stdout, reason);
@@ -143,21 +156,19 @@ static void show_one(const struct apc_sample mode[2], const char *reason)
     }
 }
 
-static int show_table(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
-                      const struct apc_sample *mode)
+static int show_table(const struct status_loops *s, const struct chosen *c, const struct apc_sample *mode)
 {
     static const struct print_column columns[] = {{"LOOP", PRINT_LEFT},   {"CONTROLLER", PRINT_LEFT},
                                                   {"TARGET", PRINT_LEFT}, {"ACTUAL", PRINT_LEFT},
                                                   {"SINCE", PRINT_POINT}, {"", PRINT_LEFT}};
     struct print_table table;
-    char text[PRINT_LEN], why[REASON_LEN];
+    char text[PRINT_LEN], why[WHY_LEN];
     print_table_open(&table, columns, 6);
     for (size_t i = 0; i < c->n; i++) {
         const char *target = mode_word(&mode[i]), *actual = mode_word(&mode[c->n + i]);
-        const char *reason =
-            mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why);
+        const char *reason = reason_of(s, c->loop[i], why);
         print_cell(&table, PRINT_PLAIN, "%s", c->loop[i]->name);
-        print_cell(&table, PRINT_PLAIN, "%s", plant->loops.controller[c->loop[i]->controller].name);
+        print_cell(&table, PRINT_PLAIN, "%s", s->plant->loops.controller[c->loop[i]->controller].name);
         print_cell(&table, PRINT_PLAIN, "%s", target ? target : "none");
         print_cell(&table, reason ? PRINT_WARN : PRINT_PLAIN, "%s", actual ? actual : "none");
         print_cell(&table, PRINT_PLAIN, "%s",
@@ -170,23 +181,26 @@ static int show_table(const struct cli_plant *plant, struct apc_store *store, co
 static int show_modes(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
                       const struct chosen *c)
 {
-    char why[REASON_LEN];
+    struct status_loops s = {0};
+    char why[WHY_LEN];
     int rc;
     struct apc_sample *mode = read_loop_modes(cli, store, c, &rc);
-    if (!mode)
-        return rc;
-    if (cli->format == CLI_JSON)
-        show_modes_json(plant, store, c, mode);
-    else if (cli->format == CLI_TEXT && c->n == 1)
-        show_one(mode, mode_reason_find(store, &plant->loops, c->loop[0], &mode[0], &mode[1], why));
-    else if (cli->format == CLI_TEXT && show_table(plant, store, c, mode) < 0)
+    const int err = mode ? status_loops_load(&s, store, plant, NULL) : 0;
+    if (err < 0)
+        rc = err == APC_ENOMEM ? cli_error(cli, err, "out of memory") : cli_store_error(cli, err, store);
+    else if (rc == EXIT_OK && cli->format == CLI_JSON)
+        show_modes_json(&s, c, mode);
+    else if (rc == EXIT_OK && cli->format == CLI_TEXT && c->n == 1)
+        show_one(mode, reason_of(&s, c->loop[0], why));
+    else if (rc == EXIT_OK && cli->format == CLI_TEXT && show_table(&s, c, mode) < 0)
         rc = cli_error(cli, APC_ENOMEM, "out of memory");
-    else if (cli->format == CLI_CSV) {
+    else if (rc == EXIT_OK && cli->format == CLI_CSV) {
         puts(PRINT_SAMPLE_HEADER);
         for (size_t i = 0; i < 2 * c->n; i++)
             if (mode[i].seq > 0)
                 print_sample_csv(stdout, &mode[i]);
     }
+    status_loops_free(&s);
     free(mode);
     return rc;
 }

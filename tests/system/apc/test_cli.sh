@@ -323,7 +323,7 @@ test_several_pairs_are_all_or_nothing() {
 test_mode_is_shown_and_changed() {
   run 0 mode
   out_has '^target  Auto  for '
-  out_has '^actual  none$'
+  out_has '^actual  none: its controller does not tick$'
   run 0 mode mAn --no-wait
   out_is "mode: Auto -> Man"
   equal "$(newest opmode 0)" 0 "the target mode"
@@ -331,7 +331,7 @@ test_mode_is_shown_and_changed() {
   out_is "mode: Man already"
   run 0 mode --json
   out_is_json
-  equal "$(tr -d '\n' <"$work/out")" '{"target":"Man","actual":null,"loops":[{"loop":"u","controller":"controller","target":"Man","actual":null,"reason":null}]}' "the modes"
+  equal "$(tr -d '\n' <"$work/out")" '{"target":"Man","actual":null,"loops":[{"loop":"u","controller":"controller","target":"Man","actual":null,"reason":"its controller does not tick"}]}' "the modes"
   run 0 mode AUTO --no-wait
   out_is "mode: Man -> Auto"
   run 0 history --events --last 1
@@ -578,7 +578,7 @@ test_a_target_that_is_not_reached_is_no_success_and_has_a_reason() {
          VALUES (now(), 3, 'apc-controller', 'measurement', 'output at fault value: measurement 1 is stale')"
   refused 4 "u is in LO: output at fault value: measurement 1 is stale" mode auto
   run 0 mode
-  out_has '^actual  LO    for .*: output at fault value: measurement 1 is stale$'
+  out_has '^actual  LO    for .*: output at fault value: measurement 1 is stale; its controller does not tick$'
 }
 
 # Promise(docs/options-exit-codes)
