@@ -80,11 +80,12 @@ int apc_fmu_fail_silent(struct apc_subprocess *c, ssize_t n, struct apc_error *w
 
     apc_subprocess_bury(c, n < 0);
     apc_subprocess_said(c, said, sizeof(said));
-    return apc_fail(
-        why, APC_ESOLVER, "%s: %s%s%s%s", c->file, c->end, said[0] ? ": " : "", said,
-        strstr(said, "No module named 'libapc'")
-            ? ": install it for this interpreter (pip install ./python), or name another in APC_PYTHON"
-            : "");
+    return apc_fail(why, APC_ESOLVER, "%s: %s%s%s%s", c->file, c->end, said[0] ? ": " : "", said,
+                    strstr(said, "No module named 'libapc'")
+                        ? ": install it for this interpreter (pip install ./python), name its folder in "
+                          "PYTHONPATH, or another "
+                          "interpreter in APC_PYTHON"
+                        : "");
 }
 
 /* ---- The model: what its keeper says ----------------------------------------------------------- */

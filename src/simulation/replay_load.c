@@ -38,7 +38,10 @@ int replay_open_ticks(struct apc_store **ticks, const char *dir, struct apc_erro
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s%s", path, strerror(errno),
-                        errno == ENOENT ? ": a run of a former version is replayed by that version" : "");
+                        errno == ENOENT
+                            ? ": a run that goes on has none yet: `apc why OUTPUT --store RUN` asks its "
+                              "store; a run of a former version is replayed by that version"
+                            : "");
     return ticks_open(ticks, path, why);
 }
 

@@ -190,7 +190,7 @@ export const sentences: Record<string, string> = {
   "{=} seq {=} is not on record": "{1} seq {2} ist nicht aufgezeichnet",
   "{=} ticks before it are not on record": "{1} Takte davor sind nicht aufgezeichnet",
   "the store does not say which experiment it is: apc init FILE": "der Speicher sagt nicht, welches Experiment er enthält: apc init DATEI",
-  "{=}: a run of a former version is replayed by that version": "{1}: einen Lauf einer früheren Version rechnet jene Version nach",
+  "{=}: a run that goes on has none yet: `apc why OUTPUT --store RUN` asks its store; a run of a former version is replayed by that version": "{1}: ein laufender Lauf hat sie noch nicht: `apc why AUSGANG --store LAUF` fragt seinen Speicher; einen Lauf einer früheren Version rechnet jene Version nach",
   "it is explained on the command line only: apc why": "das erklärt nur die Kommandozeile: apc why",
 
   // what stands behind or around another sentence

@@ -569,7 +569,7 @@ int command_copy(int argc, char **argv)
     }
     rc = EXIT_USAGE;
     if (!strcmp(c->cli.args[0], c->cli.args[1])) {
-        rc = cli_usage(&c->cli, "FROM and TO are the same store");
+        rc = cli_usage(&c->cli, "FROM and TO are the same store: name another one as TO");
         goto out;
     }
     if (cli_time(&c->cli, "since", since, &c->range.since))

@@ -85,7 +85,7 @@ int command_export(int argc, char **argv)
 
     cli_parse(&cli, &spec, &o, argc, argv);
     if (strcmp(cli.args[0], "fmu") != 0)
-        return cli_usage(&cli, "\"%s\": must be fmu", cli.args[0]);
+        return cli_usage(&cli, "\"%s\": must be fmu, the only format", cli.args[0]);
     int rc = experiment_load(&e, cli.args[1], EXPERIMENT_LAW, NULL, &why);
     if (rc < 0)
         return cli_error(&cli, rc, "%s", why.text);

@@ -150,7 +150,7 @@ static int tune(const struct cli *cli, struct apc_store *store, const struct cli
             return rc;
         for (size_t j = 0; j < i; j++)
             if (changes[j].to.id == changes[i].to.id)
-                return cli_usage(cli, "%s is given twice", changes[i].to.name);
+                return cli_usage(cli, "%s is given twice: give each once", changes[i].to.name);
     }
     return operate(cli, store, &o);
 }

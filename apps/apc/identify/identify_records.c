@@ -182,7 +182,7 @@ int identify_read_all(struct identification *z)
     int rc;
 
     if (z->cli.n_args > IDENTIFY_RECORDS)
-        return cli_usage(&z->cli, "more than %d records", IDENTIFY_RECORDS);
+        return cli_usage(&z->cli, "more than %d records: name fewer", IDENTIFY_RECORDS);
     z->own.selection.exchanged = selection.exchanged = z->own.finds || z->own.likelihood;
     for (int i = 0; i < z->cli.n_args; i++) {
         z->window[i] = (struct identify_window){z->own.from, z->own.to};

@@ -499,7 +499,8 @@ static int await_wanted(struct session *s, struct wanted *w)
         puts(" (applied)");
         return EXIT_OK;
     case OUTCOME_SUPERSEDED:
-        return cli_error(&s->cli, APC_EPERM, "%s: superseded by what somebody else wanted", name);
+        return cli_error(&s->cli, APC_EPERM,
+                         "%s: superseded by what somebody else wanted: see apc alarm list", name);
     case OUTCOME_REFUSED:
         while (!alarm_summary_refusal(&s->summary, w->now, &w->request, s->store, text, sizeof text) &&
                apc_clock_mono(NULL) < end)
@@ -518,7 +519,9 @@ static int await_wanted(struct session *s, struct wanted *w)
     }
     return still < 0
                ? cli_error(&s->cli, still, "%s: written, but %s", name, ended.text)
-               : cli_error(&s->cli, APC_ETIMEDOUT, "%s: written, but apc-alarms has not come to it", name);
+               : cli_error(&s->cli, APC_ETIMEDOUT,
+                           "%s: written, but apc-alarms has not come to it: does it run? See apc alarm list",
+                           name);
 }
 
 static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum apc_alarm_switch which,
@@ -597,7 +600,7 @@ static int check_request(struct session *s)
         return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in, journal or try",
                          what);
     if (k < 2 && s->cli.n_args > 1)
-        return cli_usage(&s->cli, "%s takes no names", what);
+        return cli_usage(&s->cli, "%s takes no names: leave them out", what);
     if (s->options.at && k != 0)
         return cli_usage(&s->cli, "--at is of list only");
     if (k >= 3 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))

@@ -333,9 +333,9 @@ static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant,
     if (rc < 0)
         return exit_code_of(rc);
     if (table != APC_SETPOINT)
-        return cli_error(cli, APC_EPERM, "%s is no setpoint", name);
+        return cli_error(cli, APC_EPERM, "%s is no setpoint: apc mode changes the mode of a loop", name);
     if (is_given(g, id))
-        return cli_usage(cli, "%s is given twice", name);
+        return cli_usage(cli, "%s is given twice: give each once", name);
     const struct loops_loop *loop = loops_of(&plant->loops, table, id);
     if (loop && loop->setpoint == id && loop->above >= 0)
         g->loops.loop[g->loops.n++] = loop;

@@ -248,7 +248,7 @@ static int admit_all(const struct cli *cli, const struct cli_tags *tags, const s
         c->over = own->over;
         for (size_t j = 0; j < i; j++)
             if (o->change[j].to.table == c->to.table && o->change[j].to.id == c->to.id)
-                return cli_usage(cli, "%s is given twice", c->to.name);
+                return cli_usage(cli, "%s is given twice: give each once", c->to.name);
     }
     return EXIT_OK;
 }

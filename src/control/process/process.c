@@ -73,11 +73,12 @@ static int refuse_process(struct process *p, const char *what, struct apc_error 
 
     bury_process(p, p->own.socket >= 0 && strstr(what, "within"));
     apc_subprocess_said(&p->own, said, sizeof(said));
-    return apc_fail(
-        why, APC_EINVAL, "%s: %s%s%s%s", p->own.file, what, said[0] ? ": " : "", said,
-        strstr(said, "No module named 'libapc'")
-            ? ": install it for this interpreter (pip install ./python), or name another in APC_PYTHON"
-            : "");
+    return apc_fail(why, APC_EINVAL, "%s: %s%s%s%s", p->own.file, what, said[0] ? ": " : "", said,
+                    strstr(said, "No module named 'libapc'")
+                        ? ": install it for this interpreter (pip install ./python), name its folder in "
+                          "PYTHONPATH, or another "
+                          "interpreter in APC_PYTHON"
+                        : "");
 }
 
 int apc_process_hear(struct process *p, char *text, struct apc_error *why)
