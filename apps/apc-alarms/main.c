@@ -103,19 +103,19 @@ static void tell_transitions(struct shell *s)
     }
 }
 
-/* Whether a predecessor that died came to telling of what stands, nobody knows. */
+/* Whether a predecessor that died came to telling of what nobody has acknowledged, nobody knows. */
 static int start_notifiers(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
     const struct apc_rows *former = apc_alarms_former(s->core);
-    struct apc_event event;
     for (size_t i = 0; i < e->alarms.n_notices; i++) {
         int rc = notifier_start(&s->notifier[i], s->d, &e->alarms.notice[i]);
         if (rc < 0)
             return rc;
     }
     for (size_t i = 0; i < former->n_samples; i++)
-        if (former->sample[i].seq > 0 && alarm_event(e, &former->sample[i], &event))
+        if (former->sample[i].table == APC_ALARM && former->sample[i].seq > 0 &&
+            apc_alarm_is_unacked((enum apc_alarm_state)(int)former->sample[i].value))
             notify(s, &former->sample[i], true);
     return 0;
 }

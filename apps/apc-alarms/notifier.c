@@ -194,6 +194,15 @@ static void report_notification(struct notifier *n, const struct raised *raised,
     n->untold = 0;
 }
 
+/* On record: which step was told of it, or was not. */
+static void record_telling(struct notifier *n, const struct raised *raised, const char *what)
+{
+    const struct experiment *e = &n->d->experiment;
+    daemon_event(n->d, APC_EVENT_INFO, "notify", "%.40s: step %td of %zu, \"%.60s\", %s",
+                 e->alarm[raised->row.id - 1].name, n->is - e->alarms.notice + 1, e->alarms.n_notices,
+                 n->is->command, what);
+}
+
 /* Under mutex, like what follows. */
 static void queue_raised(struct notifier *n, const struct raised *raised)
 {
@@ -259,8 +268,10 @@ static void tell_waiting(struct notifier *n)
         char why[128] = "needs more memory than there is";
         char *text = make_message(&n->d->experiment, n->is, &raised);
         const bool done = text && run_command(n->is, n->stop, text, why, sizeof why);
-        if (!is_notifier_stopped(n))
+        if (!is_notifier_stopped(n)) {
             report_notification(n, &raised, done, why, dropped);
+            record_telling(n, &raised, !done ? "failed" : raised.again ? "was told again" : "was told");
+        }
         free(text);
     }
 }
@@ -334,11 +345,15 @@ void notifier_follow(struct notifier *n, const struct apc_sample *row)
 {
     struct raised *later = &n->later[row->id - 1];
     pthread_mutex_lock(&n->mutex);
+    const struct raised was = *later;
     if (apc_alarm_is_unacked((enum apc_alarm_state)(int)row->value))
         later->row.value = row->value;
     else
         *later = (struct raised){.due = 0};
+    const bool spared = was.due > 0 && !was.again && later->due == 0;
     pthread_mutex_unlock(&n->mutex);
+    if (spared)
+        record_telling(n, &was, "was not told: it was acknowledged or masked before");
 }
 
 bool notifier_try(const struct experiment *e, const struct alarm_notice *is, char *why, size_t size)

@@ -57,8 +57,23 @@ until_true 60 told '"priority":2,.*"again":true}$' 3
 # Promise(alarms/nobody-acknowledges-told)
 [ "$(grep -c '"priority":1,' "$work/late")" = "$n" ] || fail "it was acknowledged, and told again: $(cat "$work/late")"
 [ "$(grep -c '"alarm":"r.high"' "$work/first")" = 1 ] || fail "not told once, at once: $(cat "$work/first")"
+# Promise(alarms): Which step was told of an alarm, told again, failed, or was spared since somebody acknowledged it, is on record.
+on_record() { sql "SELECT text FROM apc.event WHERE kind = 'notify'" >"$work/record" && grep -qE "$1" "$work/record"; }
+for event in '^r\.high: step 1 of 4, ".*", was told$' '^r\.high: step 1 of 4, ".*", was told again$' '^r\.high: step 4 of 4, ".*", failed$' \
+  '^r\.high: step 3 of 4, ".*", was not told: it was acknowledged or masked before$'; do
+  until_true 60 on_record "$event"
+done
+! grep -q '^r\.low: step 4' "$work/record" || fail "a step is on record that is not for it: $(cat "$work/record")"
 # Promise(alarms/nobody-acknowledges-told)
 [ ! -e "$work/quiet" ] || fail "told in quiet hours: $(cat "$work/quiet")"
 [ ! -e "$work/day" ] || fail "told a day before its time: $(cat "$work/day")"
+expect 0 'applied' "$apc" set r 10
+until_true 60 listed '^r\.low +2 +RTN Unacknowledged'
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
+
+# ---- Who restarts tells again of what nobody has acknowledged, though it has returned
+rm "$work/late"
+background again "$APC_BIN/apc-alarms" --config "$work/fast.conf"
+until_true 60 told '"priority":2,"state":"RTN Unacknowledged",.*"again":true}$' 1
+expect 0 'acknowledged' "$apc" alarm ack r.low
