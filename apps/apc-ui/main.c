@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc-ui: the operator's page and its API. See docs/http-api.md. */
+#include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +21,7 @@
 #define LIFE          (12 * APC_NS_PER_S * 3600)
 #define DEFAULT_IDLE  3600.0
 #define DEFAULT_PLACE "127.0.0.1:8080"
+#define SESSIONS_KEPT "APC_UI_SESSIONS" /* from the process to itself: the number of a file */
 
 /* ---- Options ------------------------------------------------------------------------------ */
 
@@ -183,6 +186,7 @@ static void told(void *ctx, const struct write *write)
 static int make_parts(struct ui *ui, struct apc_error *why)
 {
     double idle = ui->options.session > 0 ? ui->options.session : DEFAULT_IDLE;
+    const char *kept = getenv(SESSIONS_KEPT);
     ui->began = apc_clock_mono(NULL);
     ui->round[0] = ui->round[1] = ui->began;
     int rc = model_init(&ui->model);
@@ -192,6 +196,11 @@ static int make_parts(struct ui *ui, struct apc_error *why)
         rc = writes_create(&ui->writes, told, ui);
     if (rc == 0)
         rc = sessions_init(&ui->sessions, (apc_ns)(idle * 1e9), LIFE);
+    if (rc == 0 && kept) {
+        apc_log_write(ui->log, APC_LOG_INFO, "begins anew: its simulated plant went back");
+        sessions_resume(&ui->sessions, (int)strtol(kept, NULL, 10));
+    }
+    unsetenv(SESSIONS_KEPT);
     if (rc == 0)
         rc = backoff_init(&ui->backoff);
     if (rc == 0 &&
@@ -230,6 +239,7 @@ static void block_signals(sigset_t *set)
     sigemptyset(set);
     sigaddset(set, SIGTERM);
     sigaddset(set, SIGINT);
+    sigaddset(set, SIGUSR1);
     pthread_sigmask(SIG_BLOCK, set, NULL);
     signal(SIGPIPE, SIG_IGN);
 }
@@ -260,18 +270,36 @@ static void say_where(const struct ui *ui)
                   files_count(ui->files), ui->open ? "no login: who started it is engineer" : "with login");
 }
 
-static void serve_pages(struct ui *ui, sigset_t *signals)
+/* Until it is told to end. Returns true: to begin anew, as the plant went back. */
+static bool serve_pages(struct ui *ui, sigset_t *signals)
 {
     const struct timespec second = {1, 0};
-    while (sigtimedwait(signals, NULL, &second) < 0) {
+    int signal;
+    while ((signal = sigtimedwait(signals, NULL, &second)) < 0 && !model_rewound(&ui->model)) {
         beat(ui);
         server_look(ui);
         if (!stuck_thread(ui))
             sd_notify(0, "WATCHDOG=1");
     }
+    return signal < 0 || signal == SIGUSR1;
 }
 
-static int run_ui(struct ui *ui, sigset_t *signals, struct apc_error *why)
+/* What is known of a plant that went back never was. The process begins anew: its socket and who is logged in remain.
+ * Returns only if that cannot be. */
+static int restart_page_server(struct ui *ui, char **argv, struct apc_error *why)
+{
+    char sessions[24], pid[24];
+    snprintf(sessions, sizeof sessions, "%d", sessions_keep(&ui->sessions));
+    snprintf(pid, sizeof pid, "%ld", (long)getpid());
+    const int listener = server_hand_over(ui);
+    if (setenv(SESSIONS_KEPT, sessions, 1) == 0 && setenv("LISTEN_PID", pid, 1) == 0 &&
+        setenv("LISTEN_FDS", "1", 1) == 0 && dup2(listener, SD_LISTEN_FDS_START) >= 0 &&
+        fcntl(SD_LISTEN_FDS_START, F_SETFD, 0) == 0)
+        execv("/proc/self/exe", argv);
+    return apc_fail(why, APC_ESYS, "it cannot begin anew: %s", strerror(errno));
+}
+
+static int run_ui(struct ui *ui, sigset_t *signals, char **argv, struct apc_error *why)
 {
     pthread_t live, records, behind;
     int rc = server_start(ui, &ui_site, why);
@@ -283,7 +311,8 @@ static int run_ui(struct ui *ui, sigset_t *signals, struct apc_error *why)
     if (have_behind) {
         say_where(ui);
         sd_notify(0, "READY=1");
-        serve_pages(ui, signals);
+        if (serve_pages(ui, signals))
+            rc = restart_page_server(ui, argv, why);
         sd_notify(0, "STOPPING=1");
         apc_log_write(ui->log, APC_LOG_INFO, "stopping");
     } else {
@@ -334,7 +363,7 @@ int main(int argc, char **argv)
         apc_store_close(probe);
     }
     if (rc == 0)
-        rc = run_ui(ui, &signals, &why);
+        rc = run_ui(ui, &signals, argv, &why);
     if (rc < 0)
         fail_ui(&why, rc);
     server_stop(ui);

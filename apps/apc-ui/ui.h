@@ -105,7 +105,9 @@ struct behind {
 
 /* How a simulated plant went when it was looked at last. */
 struct simulated_plant {
-    int state; /* 1; 0: its time is real; APC_ESTATE: nobody simulates it any more, or another error */
+    apc_ns latest; /* UTC of the plant, as far as it was seen */
+    bool rewound;  /* it was later once: what is known of it never was */
+    int state;     /* 1; 0: its time is real; APC_ESTATE: nobody simulates it any more, or another error */
     struct apc_store_clock clock;
     char why[300];
 };
@@ -307,6 +309,7 @@ void behind_json(const struct model *m, struct text *t); /* locked */
 /* ---- plant/simulated.c ---- */
 void model_look_simulated(struct model *m, struct apc_store *store);
 void simulated_json(const struct model *m, struct text *t); /* locked */
+bool model_rewound(struct model *m);
 
 /* ---- threads, in plant: until ui->stopping; arg is the ui ---- */
 void *live_thread(void *arg);

@@ -294,6 +294,16 @@ test("what the stream says while the plant is still asked for is there with it",
   assert.equal(model.modesOfLoop(tanks.loops[0]!).value.actual, "Auto");
 });
 
+test("a stream that ends to begin anew does so at once, from the beginning", async () => {
+  const before = env.sources.length;
+  env.source.send("bye", {reason: "restart", message: ""});
+  assert.equal(env.sources.length, before + 1);
+  assert.equal(model.connection.value.state, "disconnected");
+  server.hello();
+  await env.settle();
+  assert.equal(model.connection.value.state, "connected");
+});
+
 test("a session that has ended is noticed, and the stream is left alone until the login", async () => {
   const session = env.routes.get("/api/session")!;
   env.routes.set("/api/session", one => one.answer({error: {code: "login", message: "log in"}}, 401));

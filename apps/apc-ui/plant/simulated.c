@@ -13,8 +13,18 @@ void model_look_simulated(struct model *m, struct apc_store *store)
     now.state = store_simulated(store, &now.clock, &why);
     snprintf(now.why, sizeof now.why, "%.299s", now.state < 0 ? why.text : "");
     pthread_mutex_lock(&m->mutex);
+    now.latest = now.state > 0 ? now.clock.now : m->simulated.latest;
+    now.rewound = m->simulated.rewound || now.latest < m->simulated.latest;
     m->simulated = now;
     pthread_mutex_unlock(&m->mutex);
+}
+
+bool model_rewound(struct model *m)
+{
+    pthread_mutex_lock(&m->mutex);
+    const bool rewound = m->simulated.rewound;
+    pthread_mutex_unlock(&m->mutex);
+    return rewound;
 }
 
 void simulated_json(const struct model *m, struct text *t)

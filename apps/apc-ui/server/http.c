@@ -746,6 +746,24 @@ void server_look(struct ui *ui)
     connection_limits_look(&ui->server->connection_limits, apc_clock_mono(NULL));
 }
 
+/* And let the streams read it. */
+static void end_streams(struct ui *ui, const char *reason, const char *message)
+{
+    struct stream_stats stats = {.readers = 1};
+    stream_end(ui->stream, reason, message);
+    for (int i = 0; i < 250 && ui->server->daemon && stats.readers > 0; i++) {
+        if (i > 0)
+            poll(NULL, 0, 2);
+        stream_stats(ui->stream, &stats);
+    }
+}
+
+int server_hand_over(struct ui *ui)
+{
+    end_streams(ui, "restart", "the simulated plant went back in time");
+    return MHD_quiesce_daemon(ui->server->daemon);
+}
+
 void server_stop(struct ui *ui)
 {
     struct server *s = ui->server;
@@ -754,14 +772,7 @@ void server_stop(struct ui *ui)
     pool_stop(&s->writers);
     pool_stop(&s->readers);
     pool_stop(&s->computer);
-    stream_end(ui->stream, "shutdown", "the server is being stopped");
-    for (int i = 0; i < 50 && s->daemon; i++) { /* let the streams read it */
-        struct stream_stats stats;
-        stream_stats(ui->stream, &stats);
-        if (stats.readers == 0)
-            break;
-        poll(NULL, 0, 10);
-    }
+    end_streams(ui, "shutdown", "the server is being stopped");
     if (s->daemon)
         MHD_stop_daemon(s->daemon); /* no connection sleeps now: it would not have that */
     pool_free(&s->writers);

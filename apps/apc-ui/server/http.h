@@ -125,6 +125,9 @@ bool fault_history(struct request *r, struct apc_store *store);
 int server_start(struct ui *ui, const struct site *site, struct apc_error *why);
 /* Close what has not sent its request in time; each second. */
 void server_look(struct ui *ui);
+/* Before the process begins anew: the streams end, no connection is accepted any more. Returns the listening socket, or
+ * -1. */
+int server_hand_over(struct ui *ui);
 void server_stop(struct ui *ui);
 
 /* listen.c: a socket that listens where the options say; ui->port is set. Returns it, or an error in why: a

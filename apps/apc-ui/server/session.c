@@ -1,8 +1,13 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "session.h"
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <systemd/sd-daemon.h>
 
 int token_make(char token[TOKEN_LEN])
 {
@@ -26,6 +31,32 @@ int sessions_init(struct sessions *s, apc_ns idle, apc_ns life)
 void sessions_free(struct sessions *s)
 {
     pthread_mutex_destroy(&s->mutex);
+}
+
+int sessions_keep(struct sessions *s)
+{
+    const int made = memfd_create("sessions", MFD_CLOEXEC);
+    const int fd = made < 0 ? -1 : fcntl(made, F_DUPFD, SD_LISTEN_FDS_START + 1);
+    pthread_mutex_lock(&s->mutex);
+    const bool whole = fd >= 0 && write(fd, s->at, sizeof s->at) == (ssize_t)sizeof s->at &&
+                       write(fd, &s->local, sizeof s->local) == (ssize_t)sizeof s->local;
+    pthread_mutex_unlock(&s->mutex);
+    if (made >= 0)
+        close(made);
+    if (fd >= 0 && !whole)
+        close(fd);
+    return whole ? fd : -1;
+}
+
+void sessions_resume(struct sessions *s, int fd)
+{
+    struct sessions kept;
+    if (pread(fd, kept.at, sizeof kept.at, 0) == (ssize_t)sizeof kept.at &&
+        pread(fd, &kept.local, sizeof kept.local, sizeof kept.at) == (ssize_t)sizeof kept.local) {
+        memcpy(s->at, kept.at, sizeof s->at);
+        s->local = kept.local;
+    }
+    close(fd);
 }
 
 apc_ns session_end(const struct sessions *s, const struct session *session, apc_ns now)

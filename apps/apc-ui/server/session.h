@@ -29,6 +29,10 @@ struct sessions {
 
 int sessions_init(struct sessions *s, apc_ns idle, apc_ns life);
 void sessions_free(struct sessions *s);
+/* To the next life of this process, by execv(): the number of a file for sessions_resume(), or -1. */
+int sessions_keep(struct sessions *s);
+/* Those of the former life, where that handed them over. */
+void sessions_resume(struct sessions *s, int fd);
 /* The one unused for longest goes when there are too many, of all or of this user. Returns 0 or APC_ESYS (no
  * random numbers). */
 int session_open(struct sessions *s, const struct user *user, apc_ns now, struct session *opened);

@@ -386,10 +386,19 @@ static void put_end(FILE *out, const void *ended)
     put_record_number(out, "ended", *(const double *)ended);
 }
 
-static void put_store(FILE *out, const void *store)
+struct moved_stores {
+    const char *store, *live;
+};
+
+static void put_moved_stores(FILE *out, const void *stores)
 {
-    put_record_text(out, "store", store);
+    const struct moved_stores *moved = stores;
+    put_record_text(out, "store", moved->store);
     fputc('\n', out);
+    if (moved->live) {
+        put_record_text(out, "live", moved->live);
+        fputc('\n', out);
+    }
 }
 
 static int write_end(const char *dir, double ended, struct apc_error *why)
@@ -398,17 +407,18 @@ static int write_end(const char *dir, double ended, struct apc_error *why)
     return replace_record_lines(dir, names, put_end, &ended, why);
 }
 
-int folder_moved(const char *dir, struct apc_error *why)
+int folder_moved(const char *dir, const char *live, struct apc_error *why)
 {
     static const char *const names[] = {"live = ", "store = ", NULL};
     char path[PATH_LEN], store[PATH_LEN + sizeof "sqlite:"];
+    const struct moved_stores moved = {store, live};
     path_in_folder(dir, "store.db", "", path);
     char *real = realpath(path, NULL);
     if (!real)
         return apc_fail(why, APC_ESYS, "%s: %s", path, strerror(errno));
     snprintf(store, sizeof store, "sqlite:%.*s", PATH_LEN - 1, real);
     free(real);
-    return replace_record_lines(dir, names, put_store, store, why);
+    return replace_record_lines(dir, names, put_moved_stores, &moved, why);
 }
 
 int folder_keep(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,

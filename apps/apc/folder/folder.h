@@ -36,9 +36,9 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
 /* From here on the folder is this run's: what else was there of another one goes. */
 int folder_keep(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,
                 struct apc_error *why);
-/* Its folder has got this name, and its record's store, store.db within, with it. The memory of the run, if it had
- * one, is another one's now. */
-int folder_moved(const char *dir, struct apc_error *why);
+/* Its folder has got this name, and its record's store, store.db within, with it. @p live: the store in memory, under
+ * the name that it has got; NULL: there is none any more. */
+int folder_moved(const char *dir, const char *live, struct apc_error *why);
 /* Take back what folder_create() made, when nothing has been added. */
 void folder_discard(const char *dir, const struct experiment *e);
 

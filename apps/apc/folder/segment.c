@@ -118,6 +118,22 @@ int segment_own(struct segment *s, const char *dir, struct apc_error *why)
     return rc < 0 ? rc : apc_fail(why, APC_ESYS, "%s: cannot be made: %s", s->folder, strerror(errno));
 }
 
+int segment_rename(struct segment *s, int number, const char *dir, struct apc_error *why)
+{
+    const struct segment was = *s;
+    char here[PATH_MAX];
+    const size_t name = strcspn(was.uri, "?");
+    if (snprintf(s->uri, sizeof s->uri, "%.*s.%d%s", (int)name, was.uri, number, was.uri + name) >=
+        (int)sizeof s->uri)
+        return apc_fail(why, APC_EINVAL, "%s: its name is too long", was.uri);
+    name_files(s, s->uri);
+    unlink(s->folder);
+    if (!realpath(dir, here) || symlink(here, s->folder) < 0 || rename(was.path, s->path) < 0)
+        return apc_fail(why, APC_ESYS, "%s: cannot be renamed to %s: %s", was.path, s->path, strerror(errno));
+    unlink(was.folder);
+    return 0;
+}
+
 void segment_remove(const struct segment *s)
 {
     if (!s->path[0])

@@ -23,6 +23,8 @@ struct segment {
 int segment_plan(struct segment *s, const struct experiment *e, struct apc_error *why);
 /* It is made: it is the run's in @p dir, until this process and those that it forked have ended. */
 int segment_own(struct segment *s, const char *dir, struct apc_error *why);
+/* Its name becomes NAME.@p number, and its run folder @p dir: another one may have its former name. */
+int segment_rename(struct segment *s, int number, const char *dir, struct apc_error *why);
 /* Nobody needs it any more; or there is none. */
 void segment_remove(const struct segment *s);
 /* That of the live store @p uri of a run whose process has ended, from now on this one's. Returns 1, 0 when

@@ -175,6 +175,15 @@ static bool find_graphic(struct run *r)
     return access(path, R_OK) == 0 && realpath(path, r->graphic) != NULL;
 }
 
+/* Of a page that has been there since before the run went back, the log goes with it. */
+static void move_page_log(const struct run *r)
+{
+    char from[PATH_MAX], to[PATH_MAX];
+    snprintf(from, sizeof from, "%s/apc-ui.log", r->cli.args[0]);
+    snprintf(to, sizeof to, "%s/apc-ui.log", r->dir);
+    (void)rename(from, to);
+}
+
 /* The page stands aside: whatever becomes of it, the loop goes on. Its socket is made here, so that the
  * address that is printed can be nobody else's. */
 static void add_page(struct run *r)
@@ -191,7 +200,10 @@ static void add_page(struct run *r)
         return;
     snprintf(r->page, sizeof r->page, "127.0.0.1:%d", ntohs(address.sin_port));
     const bool drawn = r->graphic[0] || find_graphic(r);
+    if (r->rewound > 0)
+        move_page_log(r);
     add_child(r, &(struct child){.name = "apc-ui",
+                                 .pid = r->rewound,
                                  .extra = {"--listen", r->page, drawn ? "--graphic" : NULL, r->graphic},
                                  .aside = true,
                                  .listener = r->listener,
@@ -257,12 +269,12 @@ static int start_daemons(struct run *r)
 {
     struct supervisor *s = &r->daemons;
     struct apc_error why;
-    *s = (struct supervisor){.config = r->config,
-                             .timer = r->options.timer,
-                             .dir = r->dir,
-                             .spin = r->options.spin,
-                             .hold_latency = r->options.hold_latency,
-                             .child = calloc(2 * r->e.n_controllers + 6, sizeof *s->child)};
+    s->config = r->config;
+    s->timer = r->options.timer;
+    s->dir = r->dir;
+    s->spin = r->options.spin;
+    s->hold_latency = r->options.hold_latency;
+    s->child = calloc(2 * r->e.n_controllers + 6, sizeof *s->child);
     if (!s->child) {
         cli_error(&r->cli, APC_ENOMEM, "out of memory");
         return APC_ENOMEM;
@@ -274,6 +286,7 @@ static int start_daemons(struct run *r)
     if (r->history)
         setenv("APC_HISTORY", r->history, 1);
     s->start = r->begin;
+    s->simulated = r->options.pace ? r->start : 0;
     int rc = supervisor_start(s, &why);
     if (rc < 0)
         cli_error(&r->cli, rc, "%s", why.text);
@@ -424,6 +437,8 @@ static int run_experiment(struct run *r)
         printf("page:    http://%s/\n", r->page);
     if (r->options.pace) {
         run_simulated(r, &signals);
+        if (r->rewind > 0 && !r->failure.text[0])
+            return run_rewind(r);
         if (supervisor_stop(&r->daemons, &why) < 0 && !r->failure.text[0])
             r->failure = why;
         unblock(&signals);
@@ -448,8 +463,7 @@ int command_run(int argc, char **argv)
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     run_take_over(&r);
     int rc = run_experiment(&r);
-    if (rc == 0 && r.rewind > 0)
-        rc = run_rewind(&r);
+    run_await_aside();
     samples_free(&r.written);
     apc_store_close(r.store);
     apc_store_close(r.guard);

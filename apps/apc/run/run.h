@@ -44,6 +44,7 @@ struct run {
     size_t done;                 /* of the experiment's actions */
     struct samples written;      /* --from: what people wrote before it */
     apc_ns rewind; /* UTC of the simulated plant to which people want to go back; 0: they do not */
+    pid_t rewound; /* the page's process, from the run that was rewound; 0: there is none */
     char dir[512], config[544], store_name[400], live_name[128], host[256];
     struct segment segment;          /* the store in memory, if it was given none */
     char own_history[PATH_MAX + 32]; /* URI of a file in dir; "": it was given one, or a store alone */
@@ -77,11 +78,13 @@ void run_simulated(struct run *r, const sigset_t *signals);
 
 /* ---- run_rewind.c */
 
-/* Of the run that was rewound, whose process this was: the page's socket and drawing, the name of the store. */
+/* Of the run that was rewound, whose process this was: the page's process, socket and drawing, the name of the store. */
 void run_take_over(struct run *r);
-/* What was is a run folder by itself, and is set aside; this process becomes the run that goes on from there. Returns,
- * having said why, only if that cannot be: an exit code. */
+/* What was is a run folder by itself, and is set aside: a process finishes it. This one becomes the run that goes on from
+ * there. Returns, having said why, only if that cannot be. */
 int run_rewind(struct run *r);
+/* What was set aside is finished. */
+void run_await_aside(void);
 
 /* ---- run_finish.c */
 

@@ -4,6 +4,7 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -16,6 +17,7 @@
 #include "run.h"
 
 #define EXPORT_TRIES 60 /* a second each */
+#define ASIDE        5  /* its nice value: the run that goes on comes first */
 
 typedef int stage(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why);
 
@@ -162,8 +164,11 @@ static int leave_run_report(struct run *r)
         rc = drained;
         apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
     }
-    if (drained == 0 || drained == APC_EPROTO)
+    if (drained == 0 || drained == APC_EPROTO) {
         segment_remove(&r->segment);
+        if (r->rewind > 0 && rc >= 0)
+            rc = folder_moved(r->dir, NULL, &why);
+    }
     if (rc < 0) {
         cli_error(&r->cli, rc, "%s%s%s", r->failure.text, r->failure.text[0] ? "; no report: " : "",
                   why.text);
@@ -178,7 +183,7 @@ static int leave_run_report(struct run *r)
     }
     if (drawn > 0 && (!r->failure.text[0] || control.ever))
         printf("report:  %s/report.png, report.svg\n", r->dir);
-    if (!r->failure.text[0] || control.ever)
+    if ((!r->failure.text[0] || control.ever) && r->rewind == 0)
         printf("samples: %s/samples.csv\n", r->dir);
     fflush(stdout);
     return r->failure.text[0] ? cli_error(&r->cli, APC_ESTATE, "%s", r->failure.text), APC_ESTATE : 0;
@@ -191,6 +196,8 @@ int run_finish(struct run *r)
     fflush(stdout);
     pid_t pid = fork();
     if (pid == 0) {
+        if (r->rewind > 0)
+            (void)setpriority(PRIO_PROCESS, 0, ASIDE);
         int rc = leave_run_report(r);
         apc_store_close(r->store);
         fflush(stdout);
@@ -198,6 +205,8 @@ int run_finish(struct run *r)
     }
     if (pid < 0)
         return leave_run_report(r);
+    if (r->rewind > 0) /* who waits for the run to go on does not wait for that: run_await_aside() */
+        return 0;
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
         ;
     if (WIFEXITED(status))

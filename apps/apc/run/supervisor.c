@@ -73,7 +73,7 @@ _Noreturn static void become(const char *path, char *const *argv, int log, int l
  * grid. */
 static char *start_time(const struct supervisor *s, char text[APC_TIME_LEN])
 {
-    return apc_time_format(s->start + apc_clock_offset(NULL, NULL), text);
+    return apc_time_format(s->simulated ? s->simulated : s->start + apc_clock_offset(NULL, NULL), text);
 }
 
 static const char *title_of(const struct child *child)
@@ -151,6 +151,8 @@ static int open_notify(struct supervisor *s, struct apc_error *why)
     struct sockaddr_un at = {.sun_family = AF_UNIX};
     const int on = 1;
 
+    if (s->meeting[0]) /* of the run that was rewound */
+        return 0;
     snprintf(s->meeting, sizeof s->meeting, "/tmp/apc-run.XXXXXX");
     if (!mkdtemp(s->meeting)) {
         s->meeting[0] = '\0';
@@ -241,15 +243,27 @@ static void kill_silent(struct child *child)
 
 /* ---- Start, end, and start again ----------------------------------------------------------- */
 
+/* It has been there before the store, and begins anew with it. */
+static void wake_child(const struct supervisor *s, struct child *child)
+{
+    name_log(s, child);
+    child->started = apc_clock_mono(NULL);
+    child->ticked = child->started + READY;
+    child->restarts = 1;
+    kill(child->pid, SIGUSR1);
+}
+
 int supervisor_start(struct supervisor *s, struct apc_error *why)
 {
-    s->notify = -1;
     int rc = find_folder(s, why);
     if (rc == 0)
         rc = open_notify(s, why);
     for (size_t i = 0; i < s->n && rc == 0; i++) {
         s->child[i].last_tick = -1;
-        rc = spawn_child(s, &s->child[i], why);
+        if (s->child[i].pid > 0)
+            wake_child(s, &s->child[i]);
+        else
+            rc = spawn_child(s, &s->child[i], why);
     }
     if (rc < 0)
         supervisor_stop(s, NULL);

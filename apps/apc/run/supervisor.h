@@ -39,6 +39,7 @@ struct supervisor {
     const char *config, *timer, *dir;
     bool spin, hold_latency;
     apc_ns start;        /* monotonic: t = 0 */
+    apc_ns simulated;    /* t = 0 of a simulated plant, UTC; 0: time is real */
     int notify;          /* the socket */
     apc_ns heard;        /* monotonic; when it was last listened to; 0: never */
     char meeting[32];    /* folder that it lies in */
@@ -46,7 +47,8 @@ struct supervisor {
     size_t n;
 };
 
-/* Find the programs beside this one, start all. On failure those started have been stopped. */
+/* Find the programs beside this one, start all; SIGUSR1 to those that run already, which begin anew. On failure all have
+ * been stopped. */
 int supervisor_start(struct supervisor *s, struct apc_error *why);
 /* Wait until @p timeout, or a signal, listening to the children meanwhile: their socket holds a few messages
  * only (ten, unless net.unix.max_dgram_qlen says more), and many children say more than that between two

@@ -63,6 +63,7 @@ speed pause # for those who look on, however long that takes
 expect 0 '2000-01-01T00:00' "$apc" status --store "$store"
 page=$(sed -n 's/^page: *//p' "$work/going.log")
 until_true 20 curl -fsS -o "$work/state.json" "${page}api/state"
+expect 0 '"start":946684800.000000,' curl -fsS "${page}api/plant"
 grep -q '"t":9466848' "$work/state.json" || fail "the page has another time than the plant: $(head -c 100 "$work/state.json")"
 expect 4 'its plant, whose time is not real' "$APC_BIN/apc-controller" --config "$file" --store "${store%%+*}"
 # The page and programs do by HTTP what apc speed does.
@@ -201,9 +202,17 @@ csrf=$(curl -fsS "${page}api/session" | sed -n 's/.*"csrf":"\([^"]*\)".*/\1/p')
 told '"field":"rewind".* 409' '{"rewind":946684823.6}'
 told '"field":"rewind".* 422' '{"rewind":946684803,"speed":1}'
 told '"field":"rewind".* 422' '{"rewind":0}'
-ask '{"rewind":946684803.05}' >"$work/answer.json" || true # its server goes away with the run
-there_again() { speed --json | grep -q '"t":946684803[0-9.]*,"asked":0,'; }
+# Promise(run/rewind-page): The server of the page lives through a rewind: who is logged in remains so, and is told to begin anew.
+curl -fsSN --max-time 60 "${page}events" >"$work/events" &
+reading=$!
+until_true 20 grep -q '^event: state' "$work/events"
+told ' 200' '{"rewind":946684803.05}'
+wait $reading || fail "the stream was cut"
+grep -A 1 '^event: bye' "$work/events" | grep -q '"reason":"restart"' || fail "the stream ended otherwise: $(tail -n 3 "$work/events")"
+there_again() { curl -fsS "${page}api/state" | grep -q '"simulation":{"t":946684803[0-9.]*,"asked":0,'; }
 until_true 60 there_again
+told ' 200' '{"speed":0,"steps":1}'
+[ "$(grep -c 'begins anew' "$work/back/apc-ui.log")" -eq 2 ] || fail "another server: $(cat "$work"/back*/apc-ui.log)"
 expect 0 ' 12 ' "$apc" get --store "$store" r
 back_to 0
 expect 0 '"t":946684800[0-9.]*,"asked":0,' speed --json

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Users, sessions, and how long the clumsy have to wait. Time is the test's. */
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -317,6 +318,26 @@ static int free_sessions(void **state)
     return 0;
 }
 
+static void who_is_logged_in_remains_so_in_the_next_life_of_the_process(void **state)
+{
+    static struct sessions next;
+    struct session a, found;
+    (void)state;
+    assert_int_equal(session_open(&sessions, &anna, S, &a), 0);
+    const int fd = sessions_keep(&sessions);
+    assert_true(fd > 3); /* 3 is the listening socket's */
+    assert_int_equal(fcntl(fd, F_GETFD), 0);
+    assert_int_equal(sessions_init(&next, 100 * S, 1000 * S), 0);
+    sessions_resume(&next, fd);
+    assert_true(session_find(&next, a.token, 2 * S, &found));
+    assert_string_equal(found.csrf, a.csrf);
+    assert_string_equal(next.local.csrf, sessions.local.csrf);
+    assert_int_equal(fcntl(fd, F_GETFD), -1);
+    sessions_resume(&next, -1); /* they could not be kept */
+    assert_true(session_find(&next, a.token, 2 * S, &found));
+    sessions_free(&next);
+}
+
 static void a_session_is_found_by_its_token_only(void **state)
 {
     struct session a, b, found;
@@ -519,6 +540,7 @@ int main(void)
         cmocka_unit_test(the_file_is_the_one_given_or_at_home),
         cmocka_unit_test(secrets_are_compared_whole_and_random),
         T(a_session_is_found_by_its_token_only),
+        T(who_is_logged_in_remains_so_in_the_next_life_of_the_process),
         T(it_ends_without_use_and_at_last_in_any_case),
         T(the_one_unused_for_longest_makes_room),
         T(who_is_gone_or_changed_loses_his_sessions),

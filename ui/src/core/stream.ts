@@ -69,7 +69,9 @@ export class Stream {
       this.handlers.up((data as {resumed: boolean}).resumed);
     }
     this.handlers.message(type, data);
-    if (type === "bye") this.lost();
+    if (type !== "bye") return;
+    if ((data as {reason: string}).reason === "restart") this.again();
+    else this.lost();
   }
 
   /** A page that hung itself looks before it gets what came meanwhile: one look alone proves nothing. */
