@@ -54,6 +54,27 @@ static int claim_all(const struct run *r, struct apc_store *guard)
     return rc;
 }
 
+static void remove_own_history(const struct run *r)
+{
+    static const char *const names[] = {"store.db", "store.db-journal", "store.db-claims"};
+    char path[sizeof r->dir + 32];
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
+        remove(path);
+    }
+}
+
+/* The times of a simulated run are those of any other one: it keeps nothing of the run whose place it takes. */
+static int renew_history(struct run *r, struct cli *cli, struct apc_store **history)
+{
+    apc_store_close(*history);
+    remove_own_history(r);
+    int rc = cli_open(cli, history);
+    if (rc >= 0 && ((rc = cli_init(cli, *history)) < 0))
+        cli_store_error(cli, rc, *history);
+    return rc < 0 ? rc : claim_all(r, *history);
+}
+
 /* The history, when it is there, is this experiment's and nobody's at the moment, and the live store goes on
  * from it. */
 static int prepare_history(struct run *r)
@@ -73,7 +94,9 @@ static int prepare_history(struct run *r)
         rc = 0;
     } else if (rc < 0) {
         cli_store_error(&cli, rc, history);
-    } else if ((rc = claim_all(r, history)) >= 0 && (rc = check_store(r, history, cli.store)) == 0 &&
+    } else if ((rc = claim_all(r, history)) >= 0 &&
+               (!r->options.pace || r->made_store || (rc = renew_history(r, &cli, &history)) >= 0) &&
+               (rc = check_store(r, history, cli.store)) == 0 &&
                (rc = apc_store_take_over(r->store, history, &why)) < 0) {
         cli_error(&cli, rc, "%s", why.text);
     }
@@ -212,12 +235,8 @@ int run_embed_store(struct run *r)
 
 void run_discard(const struct run *r)
 {
-    static const char *const names[] = {"store.db", "store.db-journal", "store.db-claims"};
-    char path[sizeof r->dir + 32];
-    for (size_t i = 0; r->made_store && i < sizeof names / sizeof *names; i++) {
-        snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
-        remove(path);
-    }
+    if (r->made_store)
+        remove_own_history(r);
     segment_remove(&r->segment);
     folder_discard(r->dir, &r->e);
 }

@@ -53,6 +53,8 @@ for x in 25 1000 max; do
   grep -q 'reached [1-9][0-9.]* x' "$work/at-$x.log" || fail "the speed that was reached is not said"
 done
 expect 0 'controller: 30 of 30 ticks the same bit for bit' "$apc" replay "$work/at-max"
+"$apc" run "$file" --duration 6 --speed max --no-ui --force --out "$work/at-max" >"$work/forced.log" 2>&1
+again "$work/at-max" # it has nothing of the run whose place it took
 
 # A write that comes while it goes on is on record at the tick at which it took effect; the simulation with it there is the run.
 begin going
