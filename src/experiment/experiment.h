@@ -322,9 +322,12 @@ struct experiment_source {
     const char *change;          /* what was changed in it, for messages; NULL: nothing */
     const struct record *record; /* of a run */
 };
-/* The same from its text. */
+/* The same from its text, but for settings. */
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
                      const struct experiment_overrides *overrides, struct apc_error *why);
+/* With the settings of @overrides too, which hold over those of the text and of the record. */
+int experiment_parse_changed(struct experiment *e, const struct experiment_source *from, unsigned parts,
+                             const struct experiment_overrides *overrides, struct apc_error *why);
 
 /* The text that a store has of it, to be freed in either case; *revision 0: none. Returns its length or an error. */
 int experiment_text(struct apc_store *store, char **text, int64_t *revision, struct apc_error *why);

@@ -79,10 +79,6 @@ bool experiment_knows_of_controller(const char *name);
 int experiment_change_model(const char *text, const char *controller, const char *value, char **changed,
                             struct apc_error *why);
 
-/* As experiment_parse() with the settings of @overrides, which hold over those of the text and of the record. */
-int experiment_parse_changed(struct experiment *e, const struct experiment_source *from, unsigned parts,
-                             const struct experiment_overrides *overrides, struct apc_error *why);
-
 /* `alarms` of all signals and controllers, and of the file's root; when all else is known. */
 void experiment_read_alarms(struct settings *s, const config_setting_t *root, struct experiment *e);
 

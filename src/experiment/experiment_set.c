@@ -144,7 +144,7 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
                              const struct experiment_overrides *overrides, struct apc_error *why)
 {
     char said[200], *text = strdup(from->text), *next;
-    struct record record = *from->record;
+    struct record record = from->record ? *from->record : (struct record){.there = false};
     struct experiment_source changed = *from;
     struct apc_error of_file;
     int rc = text ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");

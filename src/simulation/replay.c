@@ -84,15 +84,21 @@ const struct apc_sample *replay_sample(const struct replay *r, enum apc_table ta
     return stray ? &stray->sample : NULL;
 }
 
+const struct apc_sample *replay_named(struct replay *r, enum apc_table table, int id, int64_t seq)
+{
+    const struct apc_sample wanted = {.table = table, .id = id, .seq = seq},
+                            *there = replay_sample(r, table, id, seq);
+    if (!there) {
+        look_for_sample(r, &wanted);
+        there = replay_sample(r, table, id, seq);
+    }
+    return there;
+}
+
 /* Fill in the row of @p seq of its variable; 0: there was none. False: it is not on record. */
 static bool give_recorded_sample(struct replay *r, struct apc_sample *in, double seq)
 {
-    const struct apc_sample wanted = {.table = in->table, .id = in->id, .seq = (int64_t)seq};
-    const struct apc_sample *there = seq > 0 ? replay_sample(r, in->table, in->id, wanted.seq) : NULL;
-    if (!there && seq > 0) {
-        look_for_sample(r, &wanted);
-        there = replay_sample(r, in->table, in->id, wanted.seq);
-    }
+    const struct apc_sample *there = seq > 0 ? replay_named(r, in->table, in->id, (int64_t)seq) : NULL;
     *in = there ? *there
                 : (struct apc_sample){.table = in->table,
                                       .id = in->id,
@@ -361,6 +367,10 @@ static void compare_outputs(struct replay *r, const struct replay_controller *rc
         d->low = d->ticks ? fmin(d->low, recorded) : recorded;
         d->high = d->ticks ? fmax(d->high, recorded) : recorded;
         d->ticks++;
+        if (apart > 0 && !d->differs) {
+            d->differs = at->time;
+            d->since = r->since;
+        }
         if (apart > d->worst) {
             d->worst = apart;
             d->at = t;
@@ -368,6 +378,8 @@ static void compare_outputs(struct replay *r, const struct replay_controller *rc
         if (r->watch.output)
             r->watch.output(r->watch.ctx, t, r->loops.at[loop].name, recorded, c->u[i]);
     }
+    if (r->watch.computed)
+        r->watch.computed(r->watch.ctx, r, rc, at);
 }
 
 /* ---- The ticks ------------------------------------------------------------------------------ */
@@ -402,8 +414,10 @@ const struct apc_sample *replay_give_tick(struct replay *r, struct replay_contro
     give_measurements(c, row, rc->ticking);
     const struct apc_sample *missing = give_tick_rows(r, rc, row), *lost = give_plans(r, rc, row);
     give_choice(c, row);
-    c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
-    find_gone(c, row);
+    const bool known = at->n == c->out_row->n; /* another law's row is another one behind what all have */
+    c->budget = known && was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
+    if (known)
+        find_gone(c, row);
     return missing ? missing : lost;
 }
 
@@ -511,12 +525,12 @@ int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     struct apc_notice notice;
     const struct apc_sample *missing = replay_give_tick(r, rc, at, row);
     replay_compute_tick(rc, row, &notice);
-    bool same = replay_is_made(rc->core, row);
+    bool same = at->n == rc->core->out_row->n && replay_is_made(rc->core, row);
     int err = 0;
 
     const bool begins = !same && !r->other_law && begins_later(rc, row, missing);
     const bool lost = missing || is_behind_gap(rc, row);
-    if (!same && !begins)
+    if (!same && !begins && !r->other_law)
         replay_tell_difference(r, rc, at, row, missing, text);
     if (!same && !r->other_law && former) {
         if ((err = start_tick_anew(r, rc, at, row, former, &notice)) < 0)

@@ -49,5 +49,17 @@ void replay_tell_difference(const struct replay *r, const struct replay_controll
 int replay_order_samples(const void *left, const void *right);
 /* The row of @p seq of a variable; NULL: it is not on record. */
 const struct apc_sample *replay_sample(const struct replay *r, enum apc_table table, int id, int64_t seq);
+/* The same, which is looked for in the store too. */
+const struct apc_sample *replay_named(struct replay *r, enum apc_table table, int id, int64_t seq);
+/* The recorded tick of that time, with ticks before it, in the description that it was made by; where none has its mark,
+ * in that in force. Returns 0, APC_ENOTFOUND or the store's error. */
+int season_load_tick(struct season *s, const char *controller, apc_ns time, struct replay **r,
+                     struct replay_controller **rc, size_t *k);
+/* Of tick @p k, which does not come out, what is at odds with it. Returns 0 or an error with a text in r->why. */
+int why_differs(struct differs *d, struct replay *r, struct replay_controller *rc, size_t k);
+/* Room for one more cause; NULL: out of memory. */
+struct differs_cause *differs_add(struct differs *d);
+/* The terms of the law at the tick that was computed last, recorded or replayed. Returns 0 or APC_ENOMEM. */
+int differs_take_terms(struct differs *d, const struct replay_controller *rc, size_t element, bool recorded);
 
 #endif

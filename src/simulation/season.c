@@ -71,10 +71,11 @@ static int parse_revision(struct season *s, struct season_revision *v, apc_ns th
 {
     char *text;
     int rc = replay_catalogue(s->of.store, then, &text, why);
+    const struct experiment_source from = {.file = "the store's experiment", .text = text};
     if (rc == 0)
-        rc = experiment_parse(&v->replay.e,
-                              &(struct experiment_source){.file = "the store's experiment", .text = text},
-                              EXPERIMENT_LAW, s->of.overrides, why);
+        rc = s->of.overrides && s->of.overrides->n_set > 0
+                 ? experiment_parse_changed(&v->replay.e, &from, EXPERIMENT_LAW, s->of.overrides, why)
+                 : experiment_parse(&v->replay.e, &from, EXPERIMENT_LAW, s->of.overrides, why);
     free(text);
     return rc;
 }
@@ -85,7 +86,8 @@ static int make_revision(struct season *s, struct season_revision *v, apc_ns the
     const struct experiment_overrides *overrides = s->of.overrides;
     struct replay *r = &v->replay;
     *r = (struct replay){.of_store = true,
-                         .other_law = overrides && (overrides->law || overrides->n_set > 0),
+                         .other_law =
+                             s->of.own_tuning || (overrides && (overrides->law || overrides->n_set > 0)),
                          .watch = s->watch};
     int rc = s->of.dir ? replay_load_folder(r, s->of.dir, overrides, why) : parse_revision(s, v, then, why);
     if (rc == 0)
@@ -338,6 +340,41 @@ static size_t find_in_force(const struct season *s, apc_ns time)
     return v;
 }
 
+/* Into that description's replay, with ticks before it. @p rc: NULL: it is not there. */
+static int load_tick_of(struct season *s, size_t v, const char *name, apc_ns time,
+                        struct replay_controller **rc, size_t *k)
+{
+    struct replay *r = &s->revision[v].replay;
+    r->since = time;
+    r->store = s->of.store;
+    const int err = s->revision[v].usable ? load_window(r, s->of.store, time + 1) : 0;
+    *rc = NULL;
+    for (size_t i = 0; i < r->e.n_controllers && s->revision[v].usable && err == 0; i++) {
+        const struct ticks *ticks = &r->controller[i].ticks;
+        if (strcmp(r->e.controllers[i].name, name) == 0 && ticks->n > 0 &&
+            ticks->at[ticks->n - 1].time == time) {
+            *rc = &r->controller[i];
+            *k = ticks->n - 1;
+        }
+    }
+    return err;
+}
+
+int season_load_tick(struct season *s, const char *controller, apc_ns time, struct replay **r,
+                     struct replay_controller **rc, size_t *k)
+{
+    const size_t newest = find_in_force(s, time);
+    for (size_t v = newest + 1; v-- > 0;) {
+        const int err = load_tick_of(s, v, controller, time, rc, k);
+        *r = &s->revision[v].replay;
+        if (err < 0 || (*rc && is_made_by(*rc, &(*rc)->ticks, *k)))
+            return err;
+    }
+    *r = &s->revision[newest].replay;
+    const int err = load_tick_of(s, newest, controller, time, rc, k);
+    return err < 0 || *rc ? err : APC_ENOTFOUND;
+}
+
 static void add_replay_figures(struct replay_figures *to, const struct replay_figures *of)
 {
     if (of->first[0] && (!to->first[0] || of->differs < to->differs)) {
@@ -364,6 +401,10 @@ static void add_replay_difference(struct replay_difference *to, const struct rep
     to->low = to->ticks && to->low < of->low ? to->low : of->low;
     to->high = to->ticks && to->high > of->high ? to->high : of->high;
     to->at = of->worst > to->worst ? of->at : to->at;
+    if (of->differs && (!to->differs || of->differs < to->differs)) {
+        to->differs = of->differs;
+        to->since = of->since;
+    }
     to->worst = of->worst > to->worst ? of->worst : to->worst;
     to->ticks += of->ticks;
     to->same += of->same;

@@ -210,6 +210,8 @@ void playback_free(struct playback *p);
 struct replay_difference {
     uint64_t ticks, same;
     double sum, worst, at, low, high; /* of the recorded ones: low, high */
+    apc_ns differs,
+        since; /* of the first that differs, and whence the ticks before it were computed; 0: none does */
 };
 
 #define REPLAY_TEXT 300
@@ -242,10 +244,13 @@ struct replay_controller {
     const double *row;      /* of the tick before, recorded; NULL: there is none */
 };
 
-/* Called as the replay goes on; t in s since the start of the run. Either may be NULL. */
+struct replay;
+/* Called as the replay goes on; t in s since the start of the run. Each may be NULL. */
 struct replay_watch {
     void (*output)(void *ctx, double t, const char *loop, double recorded, double replayed);
     void (*notice)(void *ctx, double t, const char *text); /* of the replayed controllers, but for modes */
+    void (*computed)(void *ctx, const struct replay *r, const struct replay_controller *rc,
+                     const struct tick_row *at); /* its answer stands in the controller */
     void *ctx;
 };
 
@@ -321,6 +326,7 @@ struct replay_range {
     apc_ns window; /* of so much the rows are in memory at once */
     const char *controller;                       /* NULL: all */
     const struct experiment_overrides *overrides; /* a law, settings: its own tuning holds; NULL: what ran */
+    bool own_tuning;                              /* it holds without these as well */
 };
 
 struct season {
@@ -359,6 +365,41 @@ int season_replay(struct season *s, apc_ns since, apc_ns until, struct apc_error
 void season_add(struct season *to, const struct season_controller *controller,
                 const struct season_loop *loop);
 void season_close(struct season *s);
+
+/* ---- Why a tick differs ---------------------------------------------------------------------- */
+
+/*
+ * What a tick that differs from its record comes from: a law or a setting that did not run, each left out alone; or a
+ * row at odds with the tick that names it, each put right alone. The tick is computed again: each cause is proved.
+ */
+struct differs {
+    char output[APC_TAG_LEN]; /* of a loop; "": the law's memory alone differs */
+    apc_ns time;
+    double recorded, replayed;
+    struct differs_cause {
+        char name[160];
+        const char *kind;
+        double recorded, replayed; /* NAN: of what is no number */
+        double effect;             /* on the output: replayed less without it */
+    } * cause;                     /* [n] the greatest effect first */
+    size_t n;
+    struct differs_term {
+        char name[APC_TAG_LEN], of[APC_TAG_LEN]; /* of: a signal; "": the output itself */
+        double recorded, replayed;               /* NAN: not known */
+    } * term;                                    /* [n_terms] */
+    size_t n_terms;
+    double together;           /* what is of no cause alone */
+    char unknown[REPLAY_TEXT]; /* why not all is told; "": it is */
+};
+
+/* Of a loop's tick under the law and the settings of @p of, computed from @p since on, 0: from the first. */
+int differs_of_candidate(struct differs *d, const struct replay_range *of, const char *loop, apc_ns time,
+                         apc_ns since, struct apc_error *why);
+/* Of a controller's tick under the law that ran, or one in its place where no description has its mark. Both return 0
+ * or an error with a text in @p why; differs_free() in either case. */
+int differs_of_record(struct differs *d, const struct replay_range *of, const char *controller, apc_ns time,
+                      struct apc_error *why);
+void differs_free(struct differs *d);
 
 /* ---- In closed loop -------------------------------------------------------------------------- */
 

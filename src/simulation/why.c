@@ -470,6 +470,185 @@ static int find_terms(const struct move *m, struct why *w)
     return rc;
 }
 
+/* ---- A tick that differs ---------------------------------------------------------------------- */
+
+/* It stands in the row itself, else in a row that that names. */
+static bool is_in_row(enum why_kind kind)
+{
+    return kind == WHY_MEASUREMENT || kind == WHY_DISTURBANCE;
+}
+
+/* Tick m->until, with these causes as the other of the two says. Does all of it come out? */
+static int compute_put_right(struct move *m, const struct why_cause *cause, size_t n, bool *made)
+{
+    struct replay_controller *rc = m->rc;
+    const struct tick_row *former = m->from < m->until ? &rc->ticks.at[m->from] : NULL;
+    struct apc_notice notice;
+    int err = replay_start_controller(m->r, rc, former, former ? former->time : m->r->start - 1);
+    rc->row = former ? tick_of_move(m, m->from) : NULL;
+    rc->now = (struct apc_now){.mono = APC_NS_PER_S, .utc = former ? former->time : 0};
+    for (size_t k = former ? m->from + 1 : m->until; k <= m->until && err == 0; k++) {
+        const struct tick_row *at = &rc->ticks.at[k];
+        struct apc_controller *c = rc->core;
+        memcpy(m->row, tick_of_move(m, k), at->n * sizeof *m->row);
+        for (size_t i = 0; i < n && k == m->until; i++)
+            if (is_in_row(cause[i].kind))
+                m->row[first_of(c, cause[i].kind, inputs[cause[i].kind].value) + cause[i].element] =
+                    cause[i].before;
+        (void)replay_give_tick(m->r, rc, at, m->row);
+        for (size_t i = 0; i < n && k == m->until; i++)
+            if (!is_in_row(cause[i].kind))
+                c->in.sample[input_variable(c, &cause[i]) - c->in.sample].value = cause[i].before;
+        replay_compute_tick(rc, m->row, &notice);
+        *made = replay_is_made(c, m->row);
+        if (k < m->until) {
+            replay_end_tick(rc, at, tick_of_move(m, k));
+            err = *made ? 0 : replay_start_controller(m->r, rc, at, at->time);
+        }
+    }
+    return err;
+}
+
+/* before: what would be right; now: what the tick was computed with. Of an input that is at odds with its own row. */
+static bool is_at_odds(const struct move *m, struct why_cause *cause)
+{
+    const struct apc_controller *c = m->rc->core;
+    const struct apc_sample *variable = input_variable(c, cause);
+    const struct input *in = &inputs[cause->kind];
+    const double *row = tick_of_move(m, m->until);
+    const int64_t seq = (int64_t)input_element(c, cause, in->seq, row);
+    const struct apc_sample *named =
+        variable && seq > 0 ? replay_named(m->r, variable->table, variable->id, seq) : NULL;
+    if (!named)
+        return false;
+    const double value = input_element(c, cause, in->value, row);
+    cause->tag = tag_of(m->r, variable);
+    cause->before = is_in_row(cause->kind) ? named->value : value;
+    cause->now = is_in_row(cause->kind) ? value : named->value;
+    return !replay_same_bits(cause->before, cause->now);
+}
+
+static int add_at_odds(struct differs *d, const struct why_cause *cause)
+{
+    struct differs_cause *to = differs_add(d);
+    if (!to)
+        return APC_ENOMEM;
+    to->kind = why_kind_name(cause->kind);
+    snprintf(to->name, sizeof to->name, "%s", cause->tag ? cause->tag->name : "");
+    to->recorded = cause->before;
+    to->replayed = cause->now;
+    to->effect = cause->effect;
+    return 0;
+}
+
+/* The one that alone makes it come out, or all of them. */
+static int put_right(struct move *m, struct differs *d, struct why_cause *cause, size_t n, size_t element)
+{
+    bool made = false;
+    int rc = 0;
+    for (size_t i = 0; i < n && rc == 0 && !made; i++) {
+        rc = compute_put_right(m, &cause[i], 1, &made);
+        cause[i].effect = d->replayed - m->rc->core->u[element];
+        if (rc == 0 && made)
+            return add_at_odds(d, &cause[i]);
+    }
+    if (n > 1 && rc == 0)
+        rc = compute_put_right(m, cause, n, &made);
+    for (size_t i = 0; i < n && rc == 0 && made; i++)
+        rc = add_at_odds(d, &cause[i]);
+    return rc;
+}
+
+static int find_at_odds(struct move *m, struct differs *d, size_t element)
+{
+    const struct apc_controller *c = m->rc->core;
+    const struct {
+        enum why_kind kind;
+        size_t n;
+    } of[] = {{WHY_MEASUREMENT, c->dim.ny}, {WHY_DISTURBANCE, c->dim.nd}, {WHY_SETPOINT, c->dim.nz},
+              {WHY_TUNING, c->size.tuning}, {WHY_MODE, c->dim.nu},        {WHY_MANUAL, c->dim.nu}};
+    size_t n = 0;
+    struct why_cause *cause =
+        calloc(c->dim.ny + c->dim.nd + c->dim.nz + c->size.tuning + 2 * c->dim.nu, sizeof *cause);
+    if (!cause)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        for (size_t e = 0; e < of[i].n; e++) {
+            cause[n] = (struct why_cause){.kind = of[i].kind, .element = e};
+            n += is_at_odds(m, &cause[n]);
+        }
+    const int rc = put_right(m, d, cause, n, element);
+    free(cause);
+    return rc;
+}
+
+/* Those before it as of its own law, which is tried in the place of one whose mark no description has. */
+static bool take_marks(const struct move *m)
+{
+    const struct apc_controller *c = m->rc->core;
+    const size_t at = c->offset[APC_TICK_MARK];
+    const double *row = tick_of_move(m, m->until);
+    const bool foreign = !replay_same_bits(row[at], c->mark[0]) || !replay_same_bits(row[at + 1], c->mark[1]);
+    for (size_t k = m->from; k <= m->until && foreign; k++)
+        memcpy(m->rc->ticks.value + m->rc->ticks.at[k].first + at, c->mark, sizeof c->mark);
+    return foreign;
+}
+
+static int compare_put_right(struct move *m, struct differs *d)
+{
+    const struct replay_controller *rc = m->rc;
+    const struct apc_controller *c = rc->core;
+    const double *row = tick_of_move(m, m->until);
+    const bool foreign = take_marks(m);
+    size_t element = 0;
+    bool made = false;
+    int err = compute_put_right(m, NULL, 0, &made);
+    if (err < 0)
+        return err;
+    c = rc->core;
+    while (element < c->dim.nu && replay_same_bits(row[c->offset[APC_TICK_U] + element], c->u[element]))
+        element++;
+    if (element < c->dim.nu)
+        snprintf(d->output, sizeof d->output, "%s",
+                 m->r->loops.at[(size_t)rc->of->first_loop - 1 + element].name);
+    else
+        element = 0;
+    d->recorded = row[c->offset[APC_TICK_U] + element];
+    d->replayed = c->u[element];
+    err = differs_take_terms(d, rc, element, false);
+    if (err == 0 && !made)
+        err = find_at_odds(m, d, element);
+    if (err == 0 && foreign && made)
+        snprintf(d->unknown, sizeof d->unknown,
+                 "from the same inputs its law gives the same: it was compiled anew, or has a setting that "
+                 "moves nothing "
+                 "there");
+    else if (err == 0 && d->n == 0)
+        snprintf(d->unknown, sizeof d->unknown,
+                 "all rows that it names are as it has them: %s, or its own row was altered",
+                 foreign ? "its law was compiled anew and computes otherwise, or has another setting"
+                         : "another build of the law made it");
+    return err;
+}
+
+int why_differs(struct differs *d, struct replay *r, struct replay_controller *rc, size_t k)
+{
+    struct move m = {.r = r, .rc = rc, .from = k, .until = k};
+    while (m.from > 0 && rc->ticks.at[m.from - 1].n == rc->core->out_row->n)
+        m.from--;
+    if (rc->ticks.at[k].n != rc->core->out_row->n) {
+        snprintf(
+            d->unknown, sizeof d->unknown,
+            "its row has %zu values and not %u: another law made it, or one with other settings or signals",
+            rc->ticks.at[k].n, rc->core->out_row->n);
+        return 0;
+    }
+    m.row = calloc(rc->core->out_row->n, sizeof *m.row);
+    const int err = m.row ? compare_put_right(&m, d) : APC_ENOMEM;
+    free(m.row);
+    return err;
+}
+
 /* ---- A loop's move --------------------------------------------------------------------------- */
 
 /* The loop's controller; NULL: it has none of that name. */

@@ -14,6 +14,7 @@
 #include "closed_replay.h"
 #include "common/storeuri.h"
 #include "files/files.h"
+#include "print_differs.h"
 #include "worker_pool.h"
 
 struct replay_options {
@@ -96,6 +97,7 @@ struct source {
     struct apc_store *store; /* NULL: it is not open in this process */
     struct season season;
     bool opened;
+    struct differs differs; /* of the first tick that differs; time 0: none does, or it is not told */
 };
 
 struct replay_command {
@@ -189,6 +191,25 @@ static int print_differences(const struct replay_command *c, const struct season
     return print_table_end(&table, c->talk, false, 0);
 }
 
+static bool is_folder(const char *name)
+{
+    struct stat at;
+    return stat(name, &at) == 0 ? S_ISDIR(at.st_mode) : !strchr(name, ':');
+}
+
+static int make_sources(struct replay_command *c)
+{
+    c->n = c->cli.n_args > 0 ? (size_t)c->cli.n_args : 1;
+    c->source = calloc(c->n, sizeof *c->source);
+    if (!c->source)
+        return fail_replay(c, APC_ENOMEM, &(struct apc_error){"out of memory"});
+    for (size_t i = 0; i < c->n; i++) {
+        c->source[i].name = c->cli.n_args > 0 ? c->cli.args[i] : c->cli.store;
+        c->source[i].folder = c->cli.n_args > 0 && is_folder(c->cli.args[i]);
+    }
+    return 0;
+}
+
 static int open_csv(struct replay_command *c)
 {
     const char *csv = c->options.csv;
@@ -219,27 +240,121 @@ static bool is_candidate(const struct replay_command *c)
 }
 
 /* Within what --tolerance says? */
-static int judge_difference(const struct replay_command *c, const char *name,
+static int judge_difference(const struct replay_command *c, const struct differs *first, const char *name,
                             const struct replay_difference *d)
 {
     if (c->options.tolerance < 0 || d->worst <= c->options.tolerance)
         return 0;
-    cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g", name, d->worst, c->options.tolerance);
+    const bool told = first->n > 0 && strcmp(first->output, name) == 0;
+    cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g%s%s", name, d->worst, c->options.tolerance,
+              told ? ": at first by " : "", told ? first->cause[0].name : "");
     return APC_ESTATE;
+}
+
+static int open_source_store(const struct replay_command *c, struct source *s, struct apc_error *why)
+{
+    char path[600];
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = "apc", .timeout = c->cli.timeout};
+    if (!s->folder)
+        return store_open(&s->store, s->name, &options, why);
+    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, s->name);
+    return ticks_open(&s->store, path, why);
+}
+
+static void close_source(struct source *s)
+{
+    if (s->opened)
+        season_close(&s->season);
+    s->opened = false;
+    apc_store_close(s->store);
+    s->store = NULL;
+}
+
+/* ---- Why a tick differs ---------------------------------------------------------------------- */
+
+/* The earliest of those that differ: of a loop or, where the law that ran is replayed, of a controller. */
+struct earliest {
+    const char *name;
+    apc_ns time, since; /* time 0: none does */
+};
+
+static void look_at_earliest(struct earliest *e, const char *name, apc_ns time, apc_ns since)
+{
+    if (time && (!e->time || time < e->time))
+        *e = (struct earliest){name, time, since};
+}
+
+static struct earliest earliest_of_folder(const struct replay_command *c)
+{
+    struct earliest e = {.time = 0};
+    for (size_t i = 0; i < c->replay.loops.n && is_candidate(c); i++)
+        look_at_earliest(&e, c->replay.loops.at[i].name, c->replay.difference[i].differs, 0);
+    for (size_t i = 0; i < c->replay.e.n_controllers && !is_candidate(c); i++)
+        look_at_earliest(&e, c->replay.controller[i].of->name, c->replay.controller[i].figures.differs, 0);
+    return e;
+}
+
+/* Ticks of another law only where none of its own differs. */
+static struct earliest earliest_of_season(const struct replay_command *c, const struct season *s)
+{
+    struct earliest e = {.time = 0}, other = {.time = 0};
+    for (size_t i = 0; i < s->n_loops && is_candidate(c); i++)
+        look_at_earliest(&e, s->loop[i].name, s->loop[i].difference.differs, s->loop[i].difference.since);
+    for (size_t i = 0; i < s->n_controllers && !is_candidate(c); i++) {
+        look_at_earliest(&e, s->controller[i].name, s->controller[i].figures.differs, 0);
+        look_at_earliest(&other, s->controller[i].name, s->controller[i].figures.other, 0);
+    }
+    return e.time ? e : other;
+}
+
+/* Where it cannot be told, why not. */
+static void explain_source(const struct replay_command *c, struct source *s, struct replay_range range,
+                           struct earliest of)
+{
+    struct apc_error why;
+    if (!of.time)
+        return;
+    int rc = open_source_store(c, s, &why);
+    range.store = s->store;
+    range.dir = s->folder ? s->name : NULL;
+    if (rc == 0)
+        rc = is_candidate(c) ? differs_of_candidate(&s->differs, &range, of.name, of.time, of.since, &why)
+                             : differs_of_record(&s->differs, &range, of.name, of.time, &why);
+    if (rc < 0)
+        snprintf(s->differs.unknown, sizeof s->differs.unknown, "why cannot be told: %.250s", why.text);
+    s->differs.time = of.time;
+    apc_store_close(s->store);
+    s->store = NULL;
+}
+
+/* What of the experiment, the law or the record it comes from. */
+static int print_explained(const struct replay_command *c, const struct source *s)
+{
+    char time[APC_TIME_LEN] = "";
+    if (!s->differs.time)
+        return 0;
+    if (is_candidate(c) && c->replay.controller)
+        replay_time(&c->replay, s->differs.time, time);
+    else if (is_candidate(c))
+        apc_time_format(s->differs.time, time);
+    return print_differs(&s->differs, time, c->talk);
 }
 
 /* After the run has been replayed: what came of it. */
 static int judge_folder(const struct replay_command *c)
 {
+    const struct replay_range range = {.until = INT64_MAX, .overrides = &c->options.overrides};
     int rc = print_differences(c, NULL);
-    if (rc < 0) {
-        cli_error(&c->cli, rc, "out of memory");
-        return rc;
-    }
+    if (rc < 0)
+        return fail_replay(c, rc, &(struct apc_error){"out of memory"});
     if (!is_candidate(c))
         (void)print_exactness(c);
+    explain_source(c, c->source, range, earliest_of_folder(c));
+    if (print_explained(c, c->source) < 0)
+        return fail_replay(c, APC_ENOMEM, &(struct apc_error){"out of memory"});
     for (size_t i = 0; i < c->replay.loops.n && rc == 0; i++)
-        rc = judge_difference(c, c->replay.loops.at[i].name, &c->replay.difference[i]);
+        rc = judge_difference(c, &c->source->differs, c->replay.loops.at[i].name, &c->replay.difference[i]);
     return rc;
 }
 
@@ -306,26 +421,6 @@ static struct season_result *season_result_of(const struct season_work *w, size_
 static struct season_loop *result_loops(struct season_result *result, const struct season *s)
 {
     return (struct season_loop *)(void *)(result->controller + s->n_controllers);
-}
-
-static int open_source_store(const struct replay_command *c, struct source *s, struct apc_error *why)
-{
-    char path[600];
-    const struct apc_store_options options = {
-        .size = sizeof options, .name = "apc", .timeout = c->cli.timeout};
-    if (!s->folder)
-        return store_open(&s->store, s->name, &options, why);
-    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, s->name);
-    return ticks_open(&s->store, path, why);
-}
-
-static void close_source(struct source *s)
-{
-    if (s->opened)
-        season_close(&s->season);
-    s->opened = false;
-    apc_store_close(s->store);
-    s->store = NULL;
 }
 
 /* One that cannot be opened is as if nobody had tried: the next job tries anew. */
@@ -473,7 +568,9 @@ static void put_json(const struct replay_command *c, const struct source *source
                  (uintmax_t)d->ticks, (uintmax_t)d->same, d->sum / (double)d->ticks, d->worst,
                  d->high - d->low, d->at);
     }
-    json_add(t, "]}");
+    json_add(t, "], differs:");
+    put_differs_json(&source->differs, t);
+    json_add(t, "}");
 }
 
 /* Is each output of a law that did not run the same? */
@@ -505,13 +602,15 @@ static int print_season(const struct replay_command *c, const struct source *sou
     const struct season *s = &source->season;
     if (c->n > 1)
         fprintf(c->talk, "%s%s\n", source == c->source ? "" : "\n", source->name);
-    const int rc = print_differences(c, s);
+    int rc = print_differences(c, s);
     for (size_t i = 0; i < s->n_controllers && !is_candidate(c); i++) {
         const struct replay_figures *f = &s->controller[i].figures;
         if (f->judged > 0)
             (void)print_same(c, s->controller[i].name, f);
         print_unreplayed(c, s->controller[i].name, f);
     }
+    if (rc == 0)
+        rc = print_explained(c, source);
     for (size_t v = 0; v < s->n; v++)
         if (!s->revision[v].usable)
             fprintf(c->talk, "as it was described once it cannot be replayed: %s\n", s->revision[v].why.text);
@@ -540,7 +639,7 @@ static int print_seasons(const struct replay_command *c)
     text_free(&json);
     for (size_t i = 0; i < c->n && rc == 0; i++)
         for (size_t k = 0; k < c->source[i].season.n_loops && rc == 0; k++)
-            rc = judge_difference(c, c->source[i].season.loop[k].name,
+            rc = judge_difference(c, &c->source[i].differs, c->source[i].season.loop[k].name,
                                   &c->source[i].season.loop[k].difference);
     return rc < 0 || same || is_candidate(c) || c->options.tolerance >= 0 ? rc : APC_ESTATE;
 }
@@ -563,25 +662,6 @@ static int plan_season(struct season_work *w, const struct replay_range *range, 
     return plan_jobs(w) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : 0;
 }
 
-static bool is_folder(const char *name)
-{
-    struct stat at;
-    return stat(name, &at) == 0 ? S_ISDIR(at.st_mode) : !strchr(name, ':');
-}
-
-static int make_sources(struct replay_command *c)
-{
-    c->n = c->cli.n_args > 0 ? (size_t)c->cli.n_args : 1;
-    c->source = calloc(c->n, sizeof *c->source);
-    if (!c->source)
-        return fail_replay(c, APC_ENOMEM, &(struct apc_error){"out of memory"});
-    for (size_t i = 0; i < c->n; i++) {
-        c->source[i].name = c->cli.n_args > 0 ? c->cli.args[i] : c->cli.store;
-        c->source[i].folder = c->cli.n_args > 0 && is_folder(c->cli.args[i]);
-    }
-    return 0;
-}
-
 static int replay_of_season(struct replay_command *c, const struct replay_watch *watch)
 {
     struct season_work w = {.c = c, .watch = watch};
@@ -593,9 +673,7 @@ static int replay_of_season(struct replay_command *c, const struct replay_watch 
     if (cli_time(&c->cli, "since", c->options.since, &range.since) != EXIT_OK ||
         cli_time(&c->cli, "until", c->options.until, &range.until) != EXIT_OK)
         exit(EXIT_USAGE);
-    int rc = make_sources(c);
-    if (rc == 0)
-        rc = open_csv(c);
+    int rc = open_csv(c);
     if (rc < 0)
         return rc;
     rc = plan_season(&w, &range, &why);
@@ -605,6 +683,8 @@ static int replay_of_season(struct replay_command *c, const struct replay_watch 
     const int closed = close_csv(c);
     if (rc < 0 || closed < 0)
         return rc < 0 ? fail_replay(c, rc, &why) : closed;
+    for (size_t i = 0; i < c->n; i++)
+        explain_source(c, &c->source[i], c->source[i].season.of, earliest_of_season(c, &c->source[i].season));
     return print_seasons(c);
 }
 
@@ -657,12 +737,16 @@ int command_replay(int argc, char **argv)
         return cli_usage(&c.cli, "runs and stores, %s, or --store: one of them", c.cli.args[0]);
     if (is_season(&c) && c.options.virtually)
         return cli_usage(&c.cli, "--virtual: of a run folder");
-    int rc = c.options.closed ? replay_closed(&c)
+    int rc = make_sources(&c);
+    if (rc == 0)
+        rc = c.options.closed ? replay_closed(&c)
              : is_season(&c)  ? replay_of_season(&c, &outputs)
                               : replay_folder(&c, &watch);
     replay_free(&c.replay);
-    for (size_t i = 0; i < c.n; i++)
+    for (size_t i = 0; i < c.n; i++) {
         close_source(&c.source[i]);
+        differs_free(&c.source[i].differs);
+    }
     free(c.source);
     return cli_done(&c.cli, exit_code_of(rc));
 }

@@ -31,6 +31,16 @@ for season in same, other:
         assert output["ticks"] > 40 and (output["same"] == output["ticks"]) == (output["max"] == 0) == season["same"], output
 assert same["same"] and not other["same"]
 END
+# Promise(simulation/replay-differs)
+mutant=0
+for change in 's/ = c->tuning\[KP\]/& * (1 + 0x1p-52)/' 's/+ c->x\[0\]/& * (1 + 0x1p-52)/' 's/ = c->u\[0\]/& * (1 - 0x1p-53)/'; do
+  mutant=$((mutant + 1)) # in one bit
+  sed "$change" "$APC_SOURCE_DIR/examples/law/mylaw.c" | cc -shared -fPIC -I"$APC_SOURCE_DIR/include" -x c -o mutant.so - || fail "no mutant by $change"
+  "$apc" replay records/a --law ./mutant.so --json >mutant.json || fail "mutant $mutant is not tried: $(cat mutant.json)"
+  python3 -c 'import json; first = json.load(open("mutant.json"))["sources"][0]["differs"]; assert (first["output"], first["causes"][0]["kind"], first["causes"][0]["cause"]) == ("u", "law", "./mutant.so") and 0 < abs(first["replayed"] - first["recorded"]) < 1e-9, first' ||
+    fail "a law of another bit is not found, $change: $(cat mutant.json)"
+done
+expect 1 'u differs by .*, more than 0: at first by \./mutant.so' "$apc" replay records/a --law ./mutant.so --tolerance 0
 
 # ---- In closed loop: the folder of a run knows nothing of what disturbed it. That is estimated from its record, so what would
 # have been is what the disturbed plant does indeed.

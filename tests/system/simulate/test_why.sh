@@ -150,6 +150,38 @@ expect 1 'no ticks are on record$' "$apc" replay --store "sqlite:$work/never.db"
 cp history.db altered.db
 sqlite3 altered.db "UPDATE sample SET value = 8.5 WHERE variable & 15 = 3 AND value = 8"
 expect 1 '^controller: the first that differs: tick .*: u was .* its record is damaged' "$apc" replay --store "sqlite:$work/altered.db"
+# Which of its members differs is proved by the tick without it.
+# Promise(simulation/replay-differs): The first tick that differs is told with the setting, the law or the row of the record by which it
+#   does, each put right alone.
+expect 1 '^r +setpoint +8 +8\.5 +\+0\.1 +100$' "$apc" replay "sqlite:$work/altered.db"
+# altered NAME EXPRESSION: in the value x of a tick row, one in the middle of the run
+altered() {
+  cp history.db "$1.db"
+  python3 - "$1.db" "$2" <<'END'
+import sqlite3, struct, sys
+db = sqlite3.connect(sys.argv[1])
+rows = db.execute("SELECT pos, value FROM sample WHERE variable & 15 = 12 ORDER BY seq").fetchall()
+for pos, value in rows if "mark" in sys.argv[1] else rows[len(rows) // 2:][:1]:
+    x = list(struct.unpack(f"<{len(value) // 8}d", value))
+    exec(sys.argv[2])
+    db.execute("UPDATE sample SET value = ? WHERE pos = ?", (struct.pack(f"<{len(x)}d", *x), pos))
+db.commit()
+END
+}
+altered measured 'x[17] += 0.5' # y
+expect 1 '^y +measurement +[0-9.]+ +[0-9.]+ +-0\.1[0-9]* +100$' "$apc" replay "sqlite:$work/measured.db"
+altered given 'x[8] += 2 ** -40' # u
+expect 1 '^  all rows that it names are as it has them' "$apc" replay "sqlite:$work/given.db"
+altered mark 'x[1] += 1'
+expect 1 '^  from the same inputs its law gives the same: it was compiled anew' "$apc" replay "sqlite:$work/mark.db"
+altered marks 'x[1] += 1; x[8] += 0.25'
+expect 1 'its law was compiled anew and computes otherwise' "$apc" replay "sqlite:$work/marks.db"
+# Promise(simulation/replay-candidate)
+"$apc" replay "sqlite:$work/history.db" --set controller.Kp=0.25 --json >set.json
+python3 -c 'import json; first = json.load(open("set.json"))["sources"][0]["differs"]; one = first["causes"][0]; assert (one["cause"], one["kind"], one["recorded"], one["replayed"]) == ("controller.Kp", "setting", 0.2, 0.25) and abs(first["replayed"] - first["recorded"] - one["effect"]) < 1e-12 < abs(one["effect"]), first' ||
+  fail "a setting of a store is not tried: $(cat set.json)"
+expect 0 '^  law: P [0-9.e-]+ -> ' "$apc" replay "sqlite:$work/history.db" --set controller.Kp=0.25
+expect 1 '"Kp" must be a finite number' "$apc" replay "sqlite:$work/history.db" --set controller.Kp=much
 env -u APC_STORE "$apc" run fast.conf --duration 3 --no-ui --out second --history "sqlite:$work/history.db" >second.log 2>&1 || fail "no second run: $(cat second.log)"
 "$apc" replay --store "sqlite:$work/history.db" >both.txt || fail "two runs do not come out: $(cat both.txt)"
 python3 - <<'END' || fail "not the ticks of both runs: $(cat season.txt both.txt)"
@@ -199,6 +231,7 @@ END
 cp history.db former.db
 sqlite3 former.db "UPDATE catalogue SET text = replace(text, 'law = \"pi\"', 'law = \"pid\"')"
 expect 1 '^controller: ([0-9]+) ticks are of another law' "$apc" replay "sqlite:$work/former.db"
+expect 1 '^  its row has [0-9]+ values and not [0-9]+: another law made it' "$apc" replay "sqlite:$work/former.db"
 for folder in packed pruned; do cp history.db $folder.db; done
 "$apc" maintain --store "sqlite:$work/packed.db" --pack 1s --keep-ticks 1d >/dev/null
 expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay "sqlite:$work/packed.db"
