@@ -67,6 +67,10 @@ static const struct option_spec own_options[] = {
     {"graphic", 0, "FILE",
      "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one",
      OPTION_TEXT, AT(ui.graphic)},
+    {"displays", 0, "DIR",
+     "The folder of the displays that are drawn on the page; default the experiment file's name with "
+     ".displays",
+     OPTION_TEXT, AT(ui.displays)},
     {"plants", 0, "FILE",
      "Where the pages of the database's plants are: lines of a plant's schema and an address", OPTION_TEXT,
      AT(ui.plants)},
@@ -130,9 +134,13 @@ static int load_graphic(struct ui *ui, const char *config, struct apc_error *why
 {
     char path[4096];
     const char *given = ui->options.graphic, *dot = config ? strrchr(config, '.') : NULL;
+    const size_t n = dot && !strchr(dot, '/') ? (size_t)(dot - config) : config ? strlen(config) : 0;
+    if (ui->options.displays)
+        snprintf(ui->displays, sizeof ui->displays, "%s", ui->options.displays);
+    else if (config)
+        snprintf(ui->displays, sizeof ui->displays, "%.*s.displays", (int)n, config);
     if (!given && !config)
         return 0;
-    const size_t n = dot && !strchr(dot, '/') ? (size_t)(dot - config) : config ? strlen(config) : 0;
     snprintf(path, sizeof path, "%.*s.svg", (int)n, config ? config : "");
     int rc = graphic_load(&ui->graphic, given ? given : path, why);
     return rc == APC_ENOTFOUND && !given ? 0 : rc;

@@ -34,6 +34,7 @@ struct server;
 struct ui_options {
     const char *store, *listen, *users, *page, *tls_cert, *tls_key, *spool;
     const char *graphic;  /* the file of the drawing; NULL: CONFIG's name, with .svg, if there is one */
+    const char *displays; /* the folder of displays; NULL: CONFIG's name, with .displays */
     const char *plants;   /* the file of the addresses of other plants' pages, or NULL */
     const char *names[8]; /* --name, up to a NULL */
     bool allow_plaintext;
@@ -224,6 +225,7 @@ struct ui {
     apc_ns began;
     struct files *files;
     struct text graphic; /* an SVG; empty: there is none */
+    char displays[4096]; /* their folder; "": there is none */
     struct server *server;
     _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
     _Atomic bool stopping;

@@ -121,7 +121,7 @@ function Whole(): JSX.Element {
         {page === "timing" && <TimingPage />}
         {page === "diagnostics" && (past ? <OnlyNow title={tr("page.diagnostics")} /> : <DiagnosticsPage />)}
         {page === "prediction" && <PredictionPage about={about} />}
-        {page === "graphic" && <GraphicPage />}
+        {page === "graphic" && <GraphicPage about={about} />}
         {page === "plants" && (past ? <OnlyNow title={tr("page.plants")} /> : <PlantsPage />)}
         {page === "logbook" && <LogBookPage />}
         {page === "health" && <HealthPage />}

@@ -252,6 +252,8 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   await show("graphic");
   await env.pass(1);
   await settle();
+  await env.pass(1);
+  await settle();
   assert.equal(said(".complaint"), "The drawing names “nobody”: tanks has no such signal, or several.");
   assert.equal(said(".left-out"), "Left out of the drawing, as it is more than a picture: <script>.");
   const link = (at: number): string | null => [...document.querySelectorAll(".picture a")][at]?.getAttribute("aria-label") ?? null;
@@ -297,10 +299,14 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   await show("graphic");
   await env.pass(1);
   await settle();
+  await env.pass(1);
+  await settle();
   assert.match(said("main"), /tanks: the file is no SVG/);
   server.plant = tanks;
   env.source.send("plant", {revision: 15});
   await settle();
+  await settle();
+  await env.pass(1);
   await settle();
   assert.match(said("main"), /There is no drawing of tanks/);
 });

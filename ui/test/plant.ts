@@ -168,6 +168,7 @@ export class Server {
     routes.set("/api/plants", one => one.answer({t: this.now, plants: [{name: "line10", here: false, age: 0.5, page: null}, {name: "line2", here: false, age: 3700, page: "https://line2.example/"}, {name: "line3", here: false, age: 120, page: null}, {name: "new", here: false, age: null, page: null}, {name: "line1", here: true, age: 0.2, page: null}]}));
     routes.set("/api/kpis", one => one.answer({loops: [{id: 1, service: 0.98}]}));
     routes.set("/api/health", one => one.answer({t: this.now, since: this.now - 86400, until: this.now, left: 0, loops: []}));
+    routes.set("/api/displays", one => one.answer({writable: false, displays: this.plant.graphic ? [{name: "overview", title: "overview", level: 1, version: 0, author: null, time: null, comment: null}] : []}));
     routes.set("/api/writes", one => one.answer({writes: []}));
     routes.set("/api/events", one => one.answer({t: this.now, events: [], more: false}));
     routes.set("/api/history", one => one.answer(this.none(one.query)));

@@ -517,6 +517,8 @@ test("an answer that was overtaken by a newer question does not count", async ()
   await settle();
   await show("graphic");
   await env.pass(0.5);
+  await settle();
+  await env.pass(0.5);
   const first = env.take("/api/graphic");
   server.plant = {...tanks, start: 5, revision: 22, graphic: true};
   env.source.send("plant", {revision: 22});

@@ -154,8 +154,9 @@ static bool check_post(struct request *r)
                          "the request lacks this session's token: reload the page and try again");
     if (!form && !(type && !strncasecmp(type, "application/json", 16) && strchr("; ", type[16]) != NULL))
         return fault_set(&r->fault, 415, "type", NULL, "the request must be application/json");
-    if (length && (strlen(length) > 9 || strtol(length, NULL, 10) > BODY_MAX))
-        return fault_set(&r->fault, 413, "size", NULL, "the request is larger than %d bytes", BODY_MAX);
+    if (length && (strlen(length) > 9 || strtol(length, NULL, 10) > BODY_MOST(r->route)))
+        return fault_set(&r->fault, 413, "size", NULL, "the request is larger than %d bytes",
+                         BODY_MOST(r->route));
     return true;
 }
 

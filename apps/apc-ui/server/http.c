@@ -528,7 +528,7 @@ static enum MHD_Result begin_http(struct exchange *x, const char *method, const 
 static enum MHD_Result take_body(struct exchange *x, const char *data, size_t *n)
 {
     struct request *r = &x->r;
-    if (r->n + *n > BODY_MAX) {
+    if (r->n + *n > BODY_MOST(r->route)) {
         r->too_large = true;
     } else {
         char *body = realloc(r->body, r->n + *n + 1);
@@ -547,7 +547,7 @@ static enum MHD_Result finish_http(struct exchange *x, const char *path)
 {
     struct request *r = &x->r;
     if (r->too_large) {
-        fault_set(&r->fault, 413, "size", NULL, "the request is larger than %d bytes", BODY_MAX);
+        fault_set(&r->fault, 413, "size", NULL, "the request is larger than %d bytes", BODY_MOST(r->route));
         return answer_http(x);
     }
     switch (r->route->where) {

@@ -13,9 +13,10 @@
 #include "common/body.h"
 #include "connection_limits.h"
 
-#define BODY_MAX    65536 /* bytes */
-#define COOKIE_NAME 40
-#define COOKIE_LEN  256
+#define BODY_MAX         65536                                                       /* bytes */
+#define BODY_MOST(route) ((route)->role == ROLE_ENGINEER ? 32 * BODY_MAX : BODY_MAX) /* it may be a drawing */
+#define COOKIE_NAME      40
+#define COOKIE_LEN       256
 /* On a server without users, to everybody but the one who started it. */
 #define NOT_YOURS                                                                                            \
     "this page is for the user who started it, on this host; for others make users with `apc user add`, or " \

@@ -165,14 +165,17 @@ static struct child *add_child(struct run *r, const struct child *child)
     return at;
 }
 
-/* The name of the experiment file, with .svg. */
-static bool find_graphic(struct run *r)
+/* The name of the experiment file, with .svg, and with .displays; of a run that was rewound, its first one's. */
+static void find_drawings(struct run *r)
 {
-    char path[PATH_MAX];
-    const char *file = r->cli.args[0], *dot = strrchr(file, '.');
-    const size_t n = dot && !strchr(dot, '/') ? (size_t)(dot - file) : strlen(file);
-    snprintf(path, sizeof path, "%.*s.svg", (int)n, file);
-    return access(path, R_OK) == 0 && realpath(path, r->graphic) != NULL;
+    char file[PATH_MAX];
+    if (!r->graphic[0] && realpath(r->cli.args[0], file)) {
+        const char *dot = strrchr(file, '.');
+        const size_t n = dot && !strchr(dot, '/') ? (size_t)(dot - file) : strlen(file);
+        snprintf(r->graphic, sizeof r->graphic, "%.*s.svg", (int)n, file);
+    }
+    const size_t n = strlen(r->graphic);
+    snprintf(r->displays, sizeof r->displays, "%.*s.displays", n > 4 ? (int)n - 4 : 0, r->graphic);
 }
 
 /* Of a page that has been there since before the run went back, the log goes with it. */
@@ -199,12 +202,14 @@ static void add_page(struct run *r)
     if (r->listener < 0 || getsockname(r->listener, (struct sockaddr *)&address, &size) < 0)
         return;
     snprintf(r->page, sizeof r->page, "127.0.0.1:%d", ntohs(address.sin_port));
-    const bool drawn = r->graphic[0] || find_graphic(r);
+    find_drawings(r);
+    const bool drawn = access(r->graphic, R_OK) == 0;
     if (r->rewound > 0)
         move_page_log(r);
     add_child(r, &(struct child){.name = "apc-ui",
                                  .pid = r->rewound,
-                                 .extra = {"--listen", r->page, drawn ? "--graphic" : NULL, r->graphic},
+                                 .extra = {"--listen", r->page, "--displays", r->displays,
+                                           drawn ? "--graphic" : NULL, r->graphic},
                                  .aside = true,
                                  .listener = r->listener,
                                  .period = PAGE_PERIOD});

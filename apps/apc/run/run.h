@@ -34,9 +34,10 @@ struct run {
     struct apc_store *guard; /* --speed: claims the first measurement while it simulates */
     struct supervisor daemons;
     struct live *live;
-    char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
-    int listener;                /* its socket */
-    char graphic[PATH_MAX];      /* the drawing beside the file; "": there is none */
+    char page[64];           /* ADDRESS:PORT of the operator's page; "": none */
+    int listener;            /* its socket */
+    char graphic[PATH_MAX];  /* the drawing beside the file, which may not be there; "": not looked for yet */
+    char displays[PATH_MAX]; /* the folder of displays beside the file */
     struct apc_error failure;    /* why the run is none; "": nothing known */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
     apc_ns stopped;              /* monotonic: when it was ended */

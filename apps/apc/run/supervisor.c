@@ -117,7 +117,7 @@ static int spawn_child(const struct supervisor *s, struct child *child, struct a
         argv[n++] = "--after";
         argv[n++] = after;
     }
-    for (int i = 0; i < 5 && child->extra[i]; i++)
+    for (int i = 0; child->extra[i]; i++)
         argv[n++] = child->extra[i];
     argv[n] = NULL;
 

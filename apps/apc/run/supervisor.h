@@ -17,7 +17,7 @@
 struct child {
     const char *name;     /* "apc-plant"; NULL: it was given up */
     char title[64];       /* "apc-controller base": for messages, and for its log; "": as its name */
-    const char *extra[5]; /* options of its own, up to a NULL; borrowed */
+    const char *extra[7]; /* options of its own, up to a NULL; borrowed */
     bool aside;           /* no part of the loop: no task, and the run goes on without it */
     apc_ns period;        /* of its task; 0: it has none, or is not judged by it */
     int listener;         /* a socket to be handed over as systemd does; 0: none */

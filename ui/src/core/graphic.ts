@@ -27,11 +27,13 @@ export interface Part {
   attributes: Record<string, string>;
   parts: (Part | string)[];
   bound: Bound | null;
+  link?: string; // to a display
 }
 
 export interface Drawing {
   root: Part;
   names: string[]; // of signals, in the order in which they come
+  links: string[]; // of displays
   left: LeftOut[];
 }
 
@@ -99,6 +101,7 @@ class TooMuch extends Error {
 class Reader {
   parts = 0;
   readonly names: string[] = [];
+  readonly links = new Set<string>();
   private readonly leftOut = new Map<string, number>();
   private readonly byId = new Map<string, Part>();
   private readonly rules: Rules = new Map();
@@ -191,6 +194,8 @@ class Reader {
     const attributes = this.attributes(of);
     const moving = live && !["defs", "symbol", "clipPath", "marker"].includes(tag);
     const part: Part = {tag, attributes, parts: [], bound: moving ? this.bound(of, tag) : null};
+    const link = moving && Array.from(of.attributes ?? []).find(one => one.name === "data-apc-display")?.value;
+    if (link) this.links.add((part.link = link));
     if (attributes.id) this.byId.set(`#${attributes.id}`, part);
     for (const child of chosen(of)) {
       if (child.nodeType === 3 || child.nodeType === 4) {
@@ -272,7 +277,8 @@ export function drawing(of: Given): Drawing | NoDrawing {
     if (!box) return {why: "noSize", most: 0};
     read.attributes = {...rest, viewBox: box};
     read.bound = null;
-    return {root: read, names: reader.names, left: reader.left};
+    delete read.link;
+    return {root: read, names: reader.names, links: [...reader.links], left: reader.left};
   } catch (why) {
     if (why instanceof TooMuch) return why.of;
     throw why;

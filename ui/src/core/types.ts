@@ -120,6 +120,17 @@ export interface AlarmTrial {
   tries: {setting: "on-delay" | "off-delay" | "deadband"; value: number; raised: number; later: number; missed: number; longest: number; proposed: boolean}[];
 }
 
+/** A version of one. */
+export interface Display {
+  name: string;
+  title: string;
+  level: number; // 1: overview, 2: area, 3: unit, 4: detail
+  version: number; // 0: the drawing beside the experiment file
+  author: string | null;
+  time: number | null; // Unix s
+  comment: string | null;
+}
+
 export interface Plant {
   name: string;
   title: string;

@@ -3,52 +3,137 @@
 import {type ComponentChildren, h, type JSX} from "preact";
 import {useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
 import {type Alarm, isUnacknowledged, loopOf} from "../core/alarms";
-import {text as getText} from "../core/api";
-import {duration, exact, missing} from "../core/format";
+import {get, post, text as getText} from "../core/api";
+import {duration, exact, missing, stamp} from "../core/format";
 import {type Bound, boxOf, type Drawing, drawing, filled, type Part} from "../core/graphic";
 import {leftOut, noDrawing} from "../core/graphicwords";
 import {worstOf} from "../core/list";
 import {loopScale} from "../core/loopdata";
-import {live, marks, plant} from "../core/model";
+import {live, marks, plant, session, shownAt} from "../core/model";
 import {signal} from "../core/pens";
 import {words, worth} from "../core/quality";
 import {place as placeOn} from "../core/scale";
-import type {Plant, Ref, Variable} from "../core/types";
+import type {Display, Plant, Ref, Variable} from "../core/types";
+import {download} from "../download";
 import {pressed} from "../faceplate";
 import {AlarmMark} from "../parts/alarmmark";
 import {Nothing} from "../parts/nothing";
 import {digitAt, shapes} from "../parts/shape";
 import {told, Value} from "../parts/value";
-import {path} from "../router";
+import {go, path} from "../router";
+import {DisplayEditor, parse} from "./displayeditor";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
 import {described, known, tr} from "../core/texts";
 
-export function GraphicPage(): JSX.Element {
+type Displays = {writable: boolean; displays: Display[]};
+const svgOf = (name: string, version: number): Promise<string> => getText(version === 0 ? "/api/graphic" : `/api/displays/${name}?version=${version}`);
+
+/** NAME, NAME/VERSION, NAME/edit, or /edit of a new one. */
+export function GraphicPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
-  const {answer, error} = useAnswer(() => (p?.graphic ? getText("/api/graphic") : Promise.resolve("")), [p?.generation, p?.graphic]);
-  const read = useMemo(() => (answer ? drawing(new DOMParser().parseFromString(answer, "image/svg+xml")) : null), [answer]);
-  if (p && !p.graphic) return <Nothing title={tr("page.graphic")}>{tr("graphic.none", {plant: p.name})}</Nothing>;
-  if (error) return <Nothing title={tr("page.graphic")}>{tr("graphic.failed", {why: error})}</Nothing>;
-  if (!p || !read) return <Nothing title={tr("page.graphic")}>{tr("graphic.loading")}</Nothing>;
-  if ("why" in read) return <Nothing title={tr("page.graphic")}>{tr("graphic.of", {plant: p.name, why: noDrawing(read)})}</Nothing>;
-  return <Shown key={p.generation} of={read} plant={p} />;
+  const who = useCell(session);
+  const now = useCell(shownAt) == null;
+  const [saved, setSaved] = useState(0);
+  const list = useAnswer(() => (p ? get<Displays>("/api/displays") : Promise.resolve(null)), [p?.generation, p?.graphic, saved]);
+  const all = useMemo(() => [...(list.answer?.displays ?? [])].sort((a, b) => a.level - b.level || a.title.localeCompare(b.title)), [list.answer]);
+  const [name = "", how = ""] = (about ?? "").split("/");
+  const shown = about == null ? all[0] : all.find(one => one.name === name);
+  const version = /^\d{1,4}$/.test(how) ? Number(how) : (shown?.version ?? null);
+  const {answer, error} = useAnswer(() => (shown && version != null ? svgOf(shown.name, version).then(svg => ({svg, of: `${shown.name}/${version}`})) : Promise.resolve(null)), [shown?.name, version, p?.generation]);
+  const read = useMemo(() => (answer ? drawing(parse(answer.svg)) : null), [answer]);
+  const [past, setPast] = useState(false);
+  const draws = now && who?.role === "engineer" && list.answer?.writable === true;
+  const title = tr("page.graphic");
+  if (list.error) return <Nothing title={title}>{tr("graphic.failed", {why: list.error})}</Nothing>;
+  if (!p || !list.answer) return <Nothing title={title}>{tr("graphic.loading")}</Nothing>;
+  const done = (made: string | null): void => {
+    if (made) setSaved(saved + 1);
+    go("graphic", made ?? (shown ? shown.name : null));
+  };
+  if (draws && how === "edit" && name === "") return <DisplayEditor key="" plant={p} display={null} svg="" all={all} done={done} />;
+  const fresh = draws && <a class="button" href={path("graphic", "/edit")}>{tr("sketch.new")}</a>;
+  if (!shown) return <><Nothing title={title}>{about == null ? tr("graphic.none", {plant: p.name}) : tr("graphic.noDisplay", {name})}</Nothing>{fresh}</>;
+  if (error) return <Nothing title={title}>{tr("graphic.failed", {why: error})}</Nothing>;
+  if (!answer || !read || answer.of !== `${shown.name}/${version}`) return <Nothing title={title}>{tr("graphic.loading")}</Nothing>;
+  if (draws && how === "edit") return <DisplayEditor key={shown.name} plant={p} display={shown} svg={answer.svg} all={all} done={done} />;
+  return (
+    <>
+      {(all.length > 1 || draws) && (
+        <div class="toolbar displays">
+          <nav aria-label={tr("graphic.displays")}>
+            {all.map(one => <a key={one.name} class={`level-${one.level}`} href={path("graphic", one.name)} aria-current={one === shown ? "page" : undefined} title={tr(`sketch.level.${one.level as 1}`)}>{one.title}</a>)}
+          </nav>
+          <span class="spring" />
+          {draws && <a class="button" href={path("graphic", `${shown.name}/edit`)}>{tr("sketch.edit")}</a>}
+          {fresh}
+          <button type="button" aria-expanded={past} onClick={() => setPast(!past)}>{tr("graphic.versions")}</button>
+        </div>
+      )}
+      {past && <Versions of={shown} shown={version ?? 0} draws={draws} done={done} />}
+      {version !== shown.version && <p class="complaint" role="status">{tr("graphic.former", {n: version ?? 0})}</p>}
+      {"why" in read ? <Nothing title={title}>{tr("graphic.of", {plant: p.name, why: noDrawing(read)})}</Nothing> : <Shown key={`${p.generation} ${answer.of}`} of={read} plant={p} displays={all.map(one => one.name)} title={shown.version === 0 ? p.title || p.name : shown.title} file={() => download(`${shown.name}.svg`, new Blob([answer.svg], {type: "image/svg+xml"}))} />}
+    </>
+  );
 }
 
-function Shown({of, plant: p}: {of: Drawing; plant: Plant}): JSX.Element {
+/** Who saved which, when and why. Taken again, one becomes the newest; none is lost. */
+function Versions({of, shown, draws, done}: {of: Display; shown: number; draws: boolean; done: (name: string) => void}): JSX.Element {
+  const {answer, error} = useAnswer(() => get<Displays>("/api/displays", {name: of.name}), [of.name, of.version]);
+  const [failed, setFailed] = useState("");
+  const again = async (one: Display): Promise<void> => {
+    try {
+      const svg = await svgOf(of.name, one.version);
+      await post(`/api/displays/${of.name}`, {svg, version: of.version, title: one.title, level: one.level, comment: tr("graphic.again", {n: one.version})}, 15);
+      done(of.name);
+    } catch (why) {
+      setFailed((why as Error).message);
+    }
+  };
+  const why = error ?? failed;
+  return (
+    <div class="panel scroll" tabIndex={0} role="region" aria-label={tr("graphic.versions")}>
+      {why && <p class="complaint" role="alert">{why}</p>}
+      <table class="data cards">
+        <caption>{tr("graphic.versionsOf", {title: of.title})}</caption>
+        <thead><tr><th scope="col">{tr("graphic.version")}</th><th scope="col">{tr("common.time")}</th><th scope="col">{tr("graphic.author")}</th><th scope="col">{tr("sketch.comment")}</th><th scope="col">{tr("graphic.actions")}</th></tr></thead>
+        <tbody>
+          {answer?.displays.map(one => (
+            <tr key={one.version}>
+              <th scope="row">{one.version}</th>
+              <td data-label={tr("common.time")}>{one.time == null ? missing : stamp(one.time)}</td>
+              <td data-label={tr("graphic.author")}>{one.author ?? missing}</td>
+              <td data-label={tr("sketch.comment")}>{one.comment || missing}</td>
+              <td>
+                {one.version === shown ? tr("graphic.isShown") : <a class="button" href={path("graphic", one.version === of.version ? of.name : `${of.name}/${one.version}`)}>{tr("graphic.show")}<span class="hidden"> {one.version}</span></a>}{" "}
+                {draws && one.version !== of.version && <button type="button" onClick={() => void again(one)}>{tr("graphic.takeAgain")}<span class="hidden"> {one.version}</span></button>}
+              </td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+function Shown({of, plant: p, displays, title, file}: {of: Drawing; plant: Plant; displays: string[]; title: string; file: () => void}): JSX.Element {
   const [table, setTable] = useState(false);
   const signals = useMemo(() => new Map(of.names.map(name => [name, signal(name, p.variables)])), [of, p]);
-  const scene: Scene = {signals, plant: p, mark: markSize(of.root.attributes.viewBox)};
+  const scene: Scene = {signals, plant: p, mark: markSize(of.root.attributes.viewBox), displays, linked: false};
   const known = of.names.flatMap(name => signals.get(name) ?? []);
   const unknown = of.names.filter(name => !signals.get(name));
+  const gone = of.links.filter(name => !displays.includes(name));
+  const quoted = (names: string[]): string => names.map(name => tr("graphic.quoted", {name})).join(", ");
   return (
     <section class="graphic">
       <div class="toolbar">
-        <h1>{p.title || p.name}</h1>
+        <h1>{title}</h1>
         <span class="spring" />
+        <button type="button" onClick={file}>SVG</button>
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
       </div>
-      {unknown.length > 0 && <p class="complaint">{tr(unknown.length > 1 ? "graphic.unknown" : "graphic.unknownOne", {names: unknown.map(name => tr("graphic.quoted", {name})).join(", "), plant: p.name})}</p>}
+      {unknown.length > 0 && <p class="complaint">{tr(unknown.length > 1 ? "graphic.unknown" : "graphic.unknownOne", {names: quoted(unknown), plant: p.name})}</p>}
+      {gone.length > 0 && <p class="complaint">{tr("graphic.gone", {names: quoted(gone)})}</p>}
       {of.left.length > 0 && <p class="say left-out">{tr("graphic.left", {what: of.left.map(leftOut).join(", ")})}</p>}
       {table ? <Signals of={[...new Set(known)]} /> : (
         <div class="panel picture">
@@ -63,6 +148,8 @@ interface Scene {
   signals: Map<string, Variable | null>;
   plant: Plant;
   mark: number; // size of the mark of an alarm
+  displays: string[]; // that there are
+  linked: boolean; // what is in a link to a display leads nowhere else
 }
 
 /** Like a letter, however large the units of the drawing are. */
@@ -76,14 +163,18 @@ function inside(part: Part, scene: Scene): ComponentChildren[] {
 }
 
 function Piece({of, scene}: {of: Part; scene: Scene}): JSX.Element {
+  const {bound, link} = of;
+  if (link && !scene.linked) {
+    if (!scene.displays.includes(link)) return <g class="unknown-signal"><Piece of={{...of, link: undefined}} scene={scene} /></g>;
+    return <a class="bound" href={path("graphic", link)} aria-label={tr("graphic.to", {name: link})}><Piece of={of} scene={{...scene, linked: true}} /></a>;
+  }
   const children = inside(of, scene);
-  const {bound} = of;
   if (!bound) return h(of.tag, of.attributes, children);
   const one = scene.signals.get(bound.name);
   if (!one) return h(of.tag, {...of.attributes, class: "unknown-signal"}, bound.how === "text" ? "?" : children);
   if (bound.how === "show") return <Appearing of={of} signal={one}>{children}</Appearing>;
   if (bound.how === "bar") return <Level of={of} bound={bound} signal={one} mark={scene.mark} />;
-  return bound.how === "text" ? <Said of={of} signal={one} plant={scene.plant} /> : <State of={of} signal={one} scene={scene}>{children}</State>;
+  return bound.how === "text" ? <Said of={of} signal={one} scene={scene} /> : <State of={of} signal={one} scene={scene}>{children}</State>;
 }
 
 /** There while its signal is something else than 0. */
@@ -113,7 +204,8 @@ function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: 
 }
 
 /** To the faceplate of the loop that it is of, else to its trend. */
-function Go({of, plant: p, label, children}: {of: Variable; plant: Plant; label: string; children: ComponentChildren}): JSX.Element {
+function Go({of, scene: {plant: p, linked}, label, children}: {of: Variable; scene: Scene; label: string; children: ComponentChildren}): JSX.Element {
+  if (linked) return <g role="img" aria-label={label}>{children}</g>;
   const loop = loopOf(of.ref, p.loops);
   return (
     <a
@@ -150,7 +242,7 @@ function useWords(one: Variable): {text: string; label: string; kind: string; al
   return {text: why ? `${value}, ${why}` : value, label: `${about}: ${glyph}${value}${why ? `, ${why}` : ""}${alarm ? `, ${tr("graphic.alarm", {alarm: alarm.alarm, priority: alarm.priority})}` : ""}`, kind: what, alarm};
 }
 
-function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: Plant}): JSX.Element {
+function Said({of, signal: one, scene}: {of: Part; signal: Variable; scene: Scene}): JSX.Element {
   const {text, label, kind, alarm} = useWords(one);
   const glyph = useRef<SVGTSpanElement>(null);
   const [at, setAt] = useState<{x: number; y: number; size: number} | null>(null);
@@ -163,7 +255,7 @@ function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: P
   }, [alarm?.id, alarm?.priority, text]);
   return (
     <>
-      <Go of={one} plant={p} label={label}>
+      <Go of={one} scene={scene} label={label}>
         {h(of.tag, {...of.attributes, class: `said ${kind}`, "data-ref": one.ref} as never, [
           alarm && <tspan key="alarm" ref={glyph} class={`glyph p${alarm.priority}${at ? " under" : ""}`}>{GLYPHS[alarm.priority]}<tspan class="rank">{alarm.priority} </tspan></tspan>,
           <tspan key="text" class="digits">{text}</tspan>,
@@ -185,7 +277,7 @@ function Drawn({of, x, y, size}: {of: Alarm; x: number; y: number; size: number}
 }
 
 /** Whatever it is, marked while an alarm of its signal stands, and where that is not good. */
-function State({of, signal: one, scene: {plant: p, mark}, children}: {of: Part; signal: Variable; scene: Scene; children: ComponentChildren}): JSX.Element {
+function State({of, signal: one, scene, children}: {of: Part; signal: Variable; scene: Scene; children: ComponentChildren}): JSX.Element {
   const {label, kind, alarm} = useWords(one);
   const element = useRef<SVGGraphicsElement>(null);
   const [corner, setCorner] = useState<{x: number; y: number} | null>(null);
@@ -197,10 +289,10 @@ function State({of, signal: one, scene: {plant: p, mark}, children}: {of: Part; 
   }, [alarm?.id]);
   return (
     <g transform={transform}>
-      <Go of={one} plant={p} label={label}>
+      <Go of={one} scene={scene} label={label}>
         {h(of.tag, {...rest, ref: element, class: `state ${kind}${alarm ? ` alarmed p${alarm.priority}` : ""}`, "data-ref": one.ref} as never, children)}
       </Go>
-      {alarm && corner && <Drawn of={alarm} x={corner.x - mark / 2} y={corner.y - mark / 2} size={mark} />}
+      {alarm && corner && <Drawn of={alarm} x={corner.x - scene.mark / 2} y={corner.y - scene.mark / 2} size={scene.mark} />}
     </g>
   );
 }
