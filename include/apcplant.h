@@ -88,7 +88,7 @@ APC_API int apc_model_set_text(const struct apc_model *model, const char *name, 
                                struct apc_error *why);
 /**
  * Of an FMU whose ModelStructure names the derivatives of its states: the model of these states, into
- * @p shown, that apc_model_linearize(), apc_model_equilibrium() and apc_model_evaluate() take; with the
+ * @p shown, that the functions for linear models take, an extended estimator and laws; with the
  * inputs and outputs chosen by now, and as long as the handle. Plants are made of @p model alone. Any other
  * model: itself. [setup] Returns 0, or APC_EINVAL: it does not show them.
  */

@@ -153,15 +153,23 @@ static void read_model(struct reader *r, const char **a)
         d->n_indicators = (size_t)indicators;
 }
 
+static bool offers_derivatives(const struct description *d, const char **a)
+{
+    return is_true(a, d->version == 2 ? "providesDirectionalDerivative" : "providesDirectionalDerivatives");
+}
+
 /* One for co-simulation as well has its own solver. */
 static void read_model_exchange(struct description *d, const char **a)
 {
     d->model_exchange = true;
+    d->exchange_identifier = keep_string(attribute(a, "modelIdentifier"));
+    d->exchange_directional = offers_derivatives(d, a);
     if (d->co_simulation)
         return;
     d->identifier = keep_string(attribute(a, "modelIdentifier"));
     d->variable_step = true;
     d->needs_tool = is_true(a, "needsExecutionTool");
+    d->directional = d->exchange_directional;
 }
 
 static void read_co_simulation(struct description *d, const char **a)
@@ -169,6 +177,7 @@ static void read_co_simulation(struct description *d, const char **a)
     free(d->identifier);
     d->identifier = keep_string(attribute(a, "modelIdentifier"));
     d->co_simulation = true;
+    d->directional = offers_derivatives(d, a);
     d->variable_step = is_true(a, "canHandleVariableCommunicationStepSize");
     d->needs_tool = is_true(a, "needsExecutionTool");
     d->step = number_of_attribute(attribute(a, "fixedInternalStepSize"), d->step);
@@ -365,6 +374,8 @@ static void begin_element(void *ctx, const char *element, const char **a)
         note_derivative(r, attribute(a, "index"));
     } else if (r->d->version == 3 && strcmp(element, "ContinuousStateDerivative") == 0) {
         note_derivative(r, attribute(a, "valueReference"));
+    } else if (r->d->version == 3 && strcmp(element, "EventIndicator") == 0) {
+        r->d->n_indicators++;
     } else if (!r->in_variables) {
         begin_type(r, element, a);
     } else if (strcmp(element, "ScalarVariable") == 0) {
@@ -487,6 +498,17 @@ void description_read(struct description *d, const char *text, size_t length)
     if (!(d->step > 0.0 && d->step < 1e6))
         d->step = 0.0;
     check_description(d);
+}
+
+void description_prefer_exchange(struct description *d)
+{
+    if (!d->model_exchange || !is_identifier(d->exchange_identifier))
+        return;
+    free(d->identifier);
+    d->identifier = keep_string(d->exchange_identifier);
+    d->co_simulation = false;
+    d->variable_step = true;
+    d->directional = d->exchange_directional;
 }
 
 void description_library(const struct description *d, char *path, size_t size)

@@ -41,6 +41,8 @@ static struct {
     /* Of a step that it has discarded; NULL where it has none. */
     int (*real_status)(instance, int what, double *value);
     int (*boolean_status)(instance, int what, int *value);
+    int (*directional)(instance, const unsigned *unknown, size_t n_unknown, const unsigned *known,
+                       size_t n_known, const double *seed, double *value);
     int (*update)(instance, struct event_info *);
     int (*completed)(instance, int no_way_back, int *event, int *ends);
 } call;
@@ -119,6 +121,7 @@ static const char *fmi2_load(void *library, const struct description *d)
                              seldom[] = {{"fmi2SetString", &call.set_string},
                                          {"fmi2GetRealStatus", &call.real_status},
                                          {"fmi2GetBooleanStatus", &call.boolean_status},
+                                         {"fmi2GetDirectionalDerivative", &call.directional},
                                          {NULL, NULL}};
     const char *missing = find_entry_points(library, all);
 
@@ -185,6 +188,13 @@ static bool fmi2_get_float64(const uint32_t *reference, size_t n, double *value)
     return status_well(call.get_real(self, reference, n, value), "fmi2GetReal");
 }
 
+static int fmi2_directional(const uint32_t *unknown, size_t n, uint32_t known, double *value)
+{
+    const double one = 1.0;
+
+    return call.directional ? call.directional(self, unknown, n, &known, 1, &one, value) : STATUS_ERROR;
+}
+
 /* What it says of a step that it has discarded. */
 static void explain(double t, double h, double *reached)
 {
@@ -225,5 +235,6 @@ const struct standard fmi2 = {.load = fmi2_load,
                               .set_text = fmi2_set_text,
                               .get = fmi2_get,
                               .get_float64 = fmi2_get_float64,
+                              .directional = fmi2_directional,
                               .step = fmi2_step,
                               .exchange = &exchange};

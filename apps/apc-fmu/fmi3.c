@@ -42,6 +42,8 @@ static struct {
     int (*n_indicators)(instance, size_t *n);
     int (*update)(instance, bool *again, bool *ends, bool *nominals, bool *states, bool *comes, double *at);
     int (*completed)(instance, bool no_way_back, bool *event, bool *ends);
+    int (*directional)(instance, const uint32_t *unknown, size_t n_unknown, const uint32_t *known,
+                       size_t n_known, const double *seed, size_t n_seed, double *value, size_t n_values);
 #define MEMBERS(TYPE, Name, c)                                                                               \
     int (*get_##Name)(instance, const uint32_t *reference, size_t n, c *value, size_t n_values);             \
     int (*set_##Name)(instance, const uint32_t *reference, size_t n, const c *value, size_t n_values);
@@ -100,12 +102,14 @@ static const char *fmi3_load(void *library, const struct description *d)
                                                  {"fmi3EnterContinuousTimeMode", &exchange.enter_continuous},
                                                  {"fmi3CompletedIntegratorStep", &call.completed},
                                                  {NULL, NULL}},
-                             seldom[] = {{"fmi3SetString", &call.set_string}, {NULL, NULL}};
+                             seldom[] = {{"fmi3SetString", &call.set_string}, {NULL, NULL}},
+                             derived[] = {{"fmi3GetDirectionalDerivative", &call.directional}, {NULL, NULL}};
     const char *missing = find_entry_points(library, all);
 
     if (!missing)
         missing = find_entry_points(library, d->co_simulation ? steps : without_solver);
     (void)find_entry_points(library, seldom);
+    (void)find_entry_points(library, derived);
     return missing;
 }
 
@@ -177,6 +181,13 @@ static bool fmi3_get_float64(const uint32_t *reference, size_t n, double *value)
     return status_well(call.get_Float64(self, reference, n, value, n), "fmi3GetFloat64");
 }
 
+static int fmi3_directional(const uint32_t *unknown, size_t n, uint32_t known, double *value)
+{
+    const double one = 1.0;
+
+    return call.directional ? call.directional(self, unknown, n, &known, 1, &one, 1, value, n) : STATUS_ERROR;
+}
+
 static bool fmi3_step(double t, double h, double *reached)
 {
     bool event = false, ends = false, early = false;
@@ -203,5 +214,6 @@ const struct standard fmi3 = {.load = fmi3_load,
                               .set_text = fmi3_set_text,
                               .get = fmi3_get,
                               .get_float64 = fmi3_get_float64,
+                              .directional = fmi3_directional,
                               .step = fmi3_step,
                               .exchange = &exchange};

@@ -77,8 +77,10 @@ struct variable {
 struct description {
     unsigned version; /* 2 or 3 */
     char *name, *description, *token, *identifier;
-    bool co_simulation, model_exchange; /* where it is both, it is run as the former */
-    bool variable_step, needs_tool;
+    bool co_simulation, model_exchange;          /* where it is both, it is run as the former */
+    bool variable_step, needs_tool, directional; /* the last: derivatives in any direction are offered */
+    char *exchange_identifier;                   /* of the other one, where it is both */
+    bool exchange_directional;
     double step; /* where it is not variable; 0: it says none, and any that stays the same will do */
     struct variable *of[N_KINDS];
     size_t n[N_KINDS];
@@ -87,6 +89,8 @@ struct description {
 };
 
 void description_read(struct description *d, const char *text, size_t length);
+/* It is run for model exchange from now on, where it can be. */
+void description_prefer_exchange(struct description *d);
 /* Its library within the archive: binaries/PLATFORM/NAME.so */
 void description_library(const struct description *d, char *path, size_t size);
 
@@ -142,6 +146,8 @@ struct standard {
     bool (*get)(const struct variable *v, double *value);
     /* Of @p n of TYPE_FLOAT64, in one call. */
     bool (*get_float64)(const uint32_t *reference, size_t n, double *value);
+    /* Derivatives [n] of @p unknown by one @p known, where the description offers them. A status. */
+    int (*directional)(const uint32_t *unknown, size_t n, uint32_t known, double *value);
     /* *reached: how far it came, also where it failed. */
     bool (*step)(double t, double h, double *reached);
     struct exchange *exchange;
@@ -149,10 +155,44 @@ struct standard {
 
 extern const struct standard fmi2, fmi3;
 
+/* An instance, and what it is asked for. */
+struct run {
+    struct description d;
+    const struct standard *fmi; /* NULL: it is not loaded yet */
+    struct solver *solver;      /* of model exchange, else NULL */
+    struct look *look;          /* where it is looked ahead, else NULL */
+    const struct variable **u, **y;
+    size_t nu, ny;
+    double *given;       /* to the inputs */
+    double length;       /* of its steps, where they are all alike; 0: that of the first one */
+    uint32_t *y_float64; /* the outputs' references; NULL: they are of several types */
+    double time;     /* as far as it has come; where its steps are all alike: where these are counted from */
+    uint64_t taken;  /* since then */
+    double t, dt;    /* of the last step that was asked for */
+    double at, rest; /* that t, as a sum that does not round */
+};
+
+bool set_fmu_inputs(const struct run *r, const double *u);
+bool outputs(const struct run *r, double *y);
+
+/* ---- Looking at it: x [nx], its states, and u [nu] of no time ------------------------------------ */
+
+/* To be looked ahead at, after its initialisation has begun. */
+bool look_begin(struct run *r);
+/* x' [nx] and y [ny]. */
+bool look_point(const struct run *r, const double *x, const double *u, double *out);
+/* The same and behind them their derivatives by x and u, row after row. */
+bool look_slopes(const struct run *r, const double *x, const double *u, double *out);
+/* x after t, in so many steps of Runge and Kutta, and its derivatives by x and u, row after row. */
+bool look_interval(const struct run *r, const double *x, const double *u, double t, double steps,
+                   double *out);
+
 /* ---- Model exchange: the solver -------------------------------------------------------------- */
 
 struct solver;
 
+/* Its discrete states, until they stay; then it is in its continuous-time mode. @p jumped: its states have. */
+bool settle_discrete_states(const struct exchange *model, double t, struct event *last, bool *jumped);
 /* From its start on, after the initialisation; NULL: it failed, and why was printed. Freed with the process. */
 struct solver *solver_begin(const struct standard *fmi, const struct description *d);
 /* Its inputs are about to jump: that is an event. */

@@ -181,21 +181,6 @@ static int keep_fmu(const char *file)
 
 /* ---- Running --------------------------------------------------------------------------------- */
 
-struct run {
-    struct description d;
-    const struct standard *fmi;
-    struct solver *solver; /* of model exchange, else NULL */
-    const struct variable **u, **y;
-    size_t nu, ny;
-    double *given;       /* to the inputs */
-    double length;       /* of its steps, where they are all alike; 0: that of the first one */
-    uint32_t *y_float64; /* the outputs' references; NULL: they are of several types */
-    double time;     /* as far as it has come; where its steps are all alike: where these are counted from */
-    uint64_t taken;  /* since then */
-    double t, dt;    /* of the last step that was asked for */
-    double at, rest; /* that t, as a sum that does not round */
-};
-
 static void *watch_host(void *ctx)
 {
     struct pollfd asker = {.fd = ASKER, .events = POLLRDHUP};
@@ -286,7 +271,7 @@ static const struct variable *variable(const struct run *r, enum kind kind, doub
     return &r->d.of[kind][(size_t)place];
 }
 
-static bool outputs(const struct run *r, double *y)
+bool outputs(const struct run *r, double *y)
 {
     if (r->y_float64)
         return r->fmi->get_float64(r->y_float64, r->ny, y);
@@ -311,7 +296,7 @@ static void gather_outputs(struct run *r)
 }
 
 /* An input keeps its value until it is set. */
-static bool set_fmu_inputs(const struct run *r, const double *u)
+bool set_fmu_inputs(const struct run *r, const double *u)
 {
     for (size_t i = 0; i < r->nu; i++)
         if (u[i] != r->given[i]) {
@@ -338,10 +323,16 @@ static bool set_texts(const struct run *r, const double *in, size_t n, size_t te
     return true;
 }
 
-static bool begin_fmu(struct run *r, const char *folder, bool look, const double *in, size_t n, double *y)
+static bool begin_fmu(struct run *r, const char *folder, enum fmu_request how, const double *in, size_t n,
+                      double *y)
 {
     const double *const end = in + n;
 
+    if (!r->fmi) {
+        if (how == FMU_AHEAD)
+            description_prefer_exchange(&r->d);
+        load_fmu(r, folder);
+    }
     if (n < 5 || !(in[0] + in[1] + 2 * in[2] + 5 <= (double)n))
         refuse_fmu("asked to begin with nothing");
     r->nu = (size_t)in[0];
@@ -370,44 +361,11 @@ static bool begin_fmu(struct run *r, const char *folder, bool look, const double
             return false;
     if (!set_texts(r, in, (size_t)(end - in), texts))
         return false;
-    if (!r->fmi->enter() || (!look && !r->fmi->leave()))
+    if (!r->fmi->enter() || (how == FMU_BEGIN && !r->fmi->leave()) || (how == FMU_AHEAD && !look_begin(r)))
         return false;
-    if (!look && !r->d.co_simulation && !(r->solver = solver_begin(r->fmi, &r->d)))
+    if (how == FMU_BEGIN && !r->d.co_simulation && !(r->solver = solver_begin(r->fmi, &r->d)))
         return false;
     return outputs(r, y);
-}
-
-static bool set_back(const struct run *r, const struct variable *v, double value)
-{
-    double is;
-
-    if (!r->fmi->set(v, value) || !r->fmi->get(v, &is))
-        return false;
-    if (is - value > 1e-12 * fabs(value) || value - is > 1e-12 * fabs(value)) {
-        fprintf(stderr, "its state %s is %g after it was set to %g: it cannot be moved\n", v->name, is,
-                value);
-        return false;
-    }
-    return true;
-}
-
-/* x [nx], u [nu] to x' [nx], y [ny]. While an FMU initialises, both follow what is set. */
-static bool point(struct run *r, const double *in, size_t n, double *out)
-{
-    const size_t nx = r->d.n[KIND_STATE];
-
-    if (n != nx + r->nu)
-        refuse_fmu("asked for a point with %zu numbers", n);
-    for (size_t i = 0; i < r->nu; i++)
-        if (!r->fmi->set(r->u[i], in[nx + i]))
-            return false;
-    for (size_t i = 0; i < nx; i++)
-        if (!set_back(r, &r->d.of[KIND_STATE][i], in[i]))
-            return false;
-    for (size_t i = 0; i < nx; i++)
-        if (!r->fmi->get(&r->d.derivative[i], &out[i]))
-            return false;
-    return outputs(r, out + nx);
 }
 
 /* What a variable is by itself: its kind and place. */
@@ -467,6 +425,33 @@ static bool step_fmu(struct run *r, const double *in, size_t n, double *y)
     return outputs(r, y);
 }
 
+/* A request of @p n numbers, to @p out [*n_out]. */
+static bool answer(struct run *r, const char *folder, uint32_t request, const double *in, size_t n,
+                   double *out, size_t *n_out)
+{
+    const bool begins = request == FMU_BEGIN || request == FMU_LOOK || request == FMU_AHEAD;
+    const size_t nx = r->d.n[KIND_STATE];
+
+    if (!begins && !r->fmi)
+        refuse_fmu("asked before it has begun");
+    if ((request == FMU_POINT && n != nx + r->nu) || (request == FMU_SLOPES && n != nx + r->nu) ||
+        (request == FMU_INTERVAL && n != nx + r->nu + 2) || (request >= FMU_SLOPES && !r->look))
+        refuse_fmu("asked for a point with %zu numbers", n);
+    const bool well = begins                    ? begin_fmu(r, folder, (enum fmu_request)request, in, n, out)
+                      : request == FMU_POINT    ? look_point(r, in, in + nx, out)
+                      : request == FMU_SLOPES   ? look_slopes(r, in, in + nx, out)
+                      : request == FMU_INTERVAL ? look_interval(r, in, in + nx, in[n - 2], in[n - 1], out)
+                      : request == FMU_OWN      ? tell_start(r, in, n, out)
+                                                : step_fmu(r, in, n, out);
+
+    *n_out = request == FMU_OWN        ? 1
+             : request == FMU_POINT    ? nx + r->ny
+             : request == FMU_SLOPES   ? (nx + r->ny) * (1 + nx + r->nu)
+             : request == FMU_INTERVAL ? nx * (1 + nx + r->nu)
+                                       : r->ny;
+    return well;
+}
+
 static int run_fmu(const char *folder)
 {
     struct run *const r = room(1, sizeof *r);
@@ -485,20 +470,14 @@ static int run_fmu(const char *folder)
     description_read(&r->d, text, length);
     free(text);
     preload();
-    load_fmu(r, folder);
     while ((n = recv(ASKER, in, MESSAGE, 0)) >= (ssize_t)sizeof header) {
         const double *const values = (const double *)(const void *)((const char *)in + sizeof header);
         const size_t n_values = ((size_t)n - sizeof header) / sizeof(double);
         double *const y = (double *)(void *)((char *)out + sizeof header);
+        size_t n_out = 0;
         memcpy(&header, in, sizeof header);
-        const bool begins = header.request == FMU_BEGIN || header.request == FMU_LOOK;
-        header.failed = !(begins ? begin_fmu(r, folder, header.request == FMU_LOOK, values, n_values, y)
-                          : header.request == FMU_POINT ? point(r, values, n_values, y)
-                          : header.request == FMU_OWN   ? tell_start(r, values, n_values, y)
-                                                        : step_fmu(r, values, n_values, y));
-        const size_t n_out = header.request == FMU_OWN     ? 1
-                             : header.request == FMU_POINT ? r->ny + r->d.n[KIND_STATE]
-                                                           : r->ny;
+        header.failed = !answer(r, folder, header.request, values, n_values, y, &n_out);
+        header.spent = fmu_spent;
         fflush(NULL);
         memcpy(out, &header, sizeof header);
         tell_host((const char *)out, sizeof header + n_out * sizeof(double));

@@ -87,30 +87,36 @@ static int indicators(sunrealtype t, N_Vector x, sunrealtype *z, void *user)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
+bool settle_discrete_states(const struct exchange *model, double t, struct event *last, bool *jumped)
+{
+    *jumped = false;
+    *last = (struct event){.again = true};
+    for (int i = 0; last->again; i++) {
+        if (i == UPDATES_MAX) {
+            fprintf(stderr, "at %g s its discrete states have not settled after %d updates\n", t,
+                    UPDATES_MAX);
+            return false;
+        }
+        *last = (struct event){0};
+        if (!status_well(model->update(last), "the update of its discrete states"))
+            return false;
+        if (last->ends) {
+            fprintf(stderr, "the model has come to its end, at %g s\n", t);
+            fmu_spent = true;
+            return false;
+        }
+        *jumped |= last->states;
+    }
+    return status_well(model->enter_continuous(model->self), "EnterContinuousTimeMode");
+}
+
 /* Out of event mode, with the states that it left behind. */
 static bool settle(struct solver *s)
 {
     const struct exchange *const m = s->model;
-    bool jumped = false;
+    bool jumped;
 
-    s->event = (struct event){.again = true};
-    for (int i = 0; s->event.again; i++) {
-        if (i == UPDATES_MAX) {
-            fprintf(stderr, "at %g s its discrete states have not settled after %d updates\n", s->t,
-                    UPDATES_MAX);
-            return false;
-        }
-        s->event = (struct event){0};
-        if (!status_well(m->update(&s->event), "the update of its discrete states"))
-            return false;
-        if (s->event.ends) {
-            fprintf(stderr, "the model has come to its end, at %g s\n", s->t);
-            fmu_spent = true;
-            return false;
-        }
-        jumped |= s->event.states;
-    }
-    if (!status_well(m->enter_continuous(m->self), "EnterContinuousTimeMode"))
+    if (!settle_discrete_states(m, s->t, &s->event, &jumped))
         return false;
     s->in_event = false;
     if (s->nx && jumped &&

@@ -8,6 +8,7 @@
  * that is given is a known input, and the cost of moves counts from what acted last.
  */
 #include "control/mpc.h"
+#include "plant/plant_internal.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -311,6 +312,7 @@ static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_
     p->seen = p->now;
     p->now = before;
     p->is_seen = true;
+    apc_reduced_until(c->deadline);
     correct(p, c);
     tune_mpc(p, c);
     preview_setpoints(p, c);
@@ -336,7 +338,8 @@ static const char *reason_of_no_plan(const struct apc_law_mpc *p)
 {
     return p->result.rc == APC_ERANGE || (p->result.rc == APC_ESOLVER && !p->nonlinear)
                ? "what is estimated is too far away to be calculated with"
-               : apc_err_text(p->result.rc);
+           : p->shoot && *apc_shooting_error(p->shoot) ? apc_shooting_error(p->shoot)
+                                                       : apc_err_text(p->result.rc);
 }
 
 static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
@@ -389,6 +392,8 @@ static int mpc_compute(struct apc_law_call *c)
     }
     age = (size_t)*apc_mpc_age_of(p, p->x);
     if (age == 0) {
+        if (p->result.rc < 0 && p->result.rc != APC_ETIMEDOUT)
+            return verdict(p, c);
         snprintf(c->why, APC_LAW_WHY, "no plan yet");
         return APC_LAW_INFEASIBLE;
     }
@@ -413,6 +418,7 @@ static void mpc_update(struct apc_law_call *c)
     think(p, c, p->n_seen - 2 * p->dim.nu);
     memcpy(c->x, p->x, p->states * sizeof(*c->x));
     if (p->nonlinear) {
+        apc_reduced_until(c->deadline ? apc_clock_mono(NULL) + (apc_ns)(c->budget * 1e9) : 0);
         apc_nmpc_predict(p, c->x, c->u);
     } else {
         memcpy(p->input, c->u, p->dim.nu * sizeof(*p->input));

@@ -187,12 +187,17 @@ static void take_law_columns(const struct controller *c, size_t rows, const doub
 static void linearize_law_model(struct settings *s, const config_setting_t *at, const struct experiment *e,
                                 struct controller *c)
 {
-    const struct apc_model *m = e->plant.model;
+    const struct apc_model *m;
+    struct apc_error why;
+
+    if (apc_model_equations(e->plant.model, &m, &why) < 0) {
+        settings_fail(s, at, "%s", why.text);
+        return;
+    }
     size_t nx = m->nx, nu = m->nu, all = nu + m->nd, ny = m->ny, n = nu + c->dim.nd;
     double *memory = numbers(s, nx * nx + (nx + ny + 1) * (all + n) + ny * nx + nx + ny);
     const config_setting_t *x_setting = config_setting_get_member(at, "x");
     const config_setting_t *u_setting = config_setting_get_member(at, "u");
-    struct apc_error why;
 
     c->linear = memory;
     c->disturbance = match_disturbances(s, at, e, c);

@@ -7,7 +7,7 @@
  */
 #include "base/base_internal.h"
 #include "base/matrix.h"
-#include "plant/plant_internal.h"
+#include "plant/fmu.h"
 
 #include <float.h>
 #include <stdio.h>
@@ -369,6 +369,9 @@ int apc_reduced_open(struct apc_reduced *reduced, const struct apc_model *model,
     const size_t nz = apc_model_nz(model);
 
     *reduced = (struct apc_reduced){.model = model, .p = p};
+    if (apc_fmu_shown(model))
+        return apc_fmu_look_open(&reduced->look, model, p, true, why);
+    reduced->plain = !nz;
     if (!nz)
         return 0;
     reduced->x = calloc(model->nx + nz, sizeof(*reduced->x));
@@ -381,15 +384,54 @@ int apc_reduced_open(struct apc_reduced *reduced, const struct apc_model *model,
 void apc_reduced_close(struct apc_reduced *reduced)
 {
     apc_algebraic_destroy(reduced->algebraic);
+    apc_fmu_look_close(reduced->look);
     free(reduced->x);
     *reduced = (struct apc_reduced){0};
 }
 
-const double *apc_reduced_complete(const struct apc_reduced *reduced, const double *x, const double *u)
+/* x with the algebraic variables behind it; NULL where the equations have no solution. */
+static const double *complete(const struct apc_reduced *reduced, const double *x, const double *u)
 {
     const struct apc_model *m = reduced->model;
 
     memcpy(reduced->x, x, m->nx * sizeof(*x));
     apc_param_initials(m->algebraic, m->nz, reduced->x + m->nx);
     return apc_algebraic_solve(reduced->algebraic, 0.0, reduced->x, u, NULL) == 0 ? reduced->x : NULL;
+}
+
+int apc_reduced_solve_f(const struct apc_reduced *reduced, const double *x, const double *u, double *dx)
+{
+    if (reduced->look)
+        return apc_fmu_look_at(reduced->look, x, u, dx, NULL, NULL);
+    const double *whole = complete(reduced, x, u);
+
+    return whole ? reduced->model->f(0.0, whole, u, reduced->p, dx) : -1;
+}
+
+void apc_reduced_solve_g(const struct apc_reduced *reduced, const double *x, const double *u, double *y)
+{
+    const double *whole = reduced->look ? NULL : complete(reduced, x, u);
+
+    if (reduced->look && apc_fmu_look_at(reduced->look, x, u, NULL, y, NULL) == 0)
+        return;
+    for (size_t i = 0; !whole && i < reduced->model->ny; i++)
+        y[i] = (double)NAN;
+    if (whole)
+        reduced->model->g(0.0, whole, u, reduced->p, y);
+}
+
+int apc_reduced_slopes(const struct apc_reduced *reduced, const double *x, const double *u, double *slopes)
+{
+    return apc_fmu_look_slopes(reduced->look, x, u, slopes);
+}
+
+int apc_reduced_interval(const struct apc_reduced *reduced, double *x, const double *u, double t,
+                         unsigned steps, double *slopes)
+{
+    return apc_fmu_look_interval(reduced->look, x, u, t, steps, slopes);
+}
+
+const char *apc_reduced_error(const struct apc_reduced *reduced)
+{
+    return reduced->look ? apc_fmu_look_error(reduced->look) : "";
 }

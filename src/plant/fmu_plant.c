@@ -21,12 +21,16 @@ struct runner {
     apc_ns patience, timeout; /* patience 0: this is virtual time */
     uint32_t asked;
     bool waiting;             /* the newest request has not been answered */
+    bool spent;               /* it ends by itself */
+    bool hung;                /* it has been killed, in virtual time for good */
     bool anew;                /* it begins at the time of the next step */
     double offset;            /* the plant's time at its own 0 */
     struct fmu_header *begin; /* as it was sent */
     size_t begin_length;
     double *request, *answer; /* a header and numbers */
+    size_t room;              /* bytes of the answer */
     double *y;                /* [ny] as it begins */
+    struct apc_error failure; /* of the newest look ahead */
 };
 
 #define HEADER (sizeof(struct fmu_header) / sizeof(double)) /* in numbers */
@@ -50,26 +54,56 @@ static int read_fmu_answer(struct runner *r, ssize_t n, size_t n_values, struct 
     memcpy(&header, r->answer, sizeof(header));
     apc_subprocess_listen(&r->own);
     apc_subprocess_said(&r->own, said, sizeof(said));
+    r->spent = header.spent;
     if (header.failed)
         return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, said[0] ? said : "failed, without a word");
     return 0;
 }
 
-/* Derivatives [nx], if these were asked for, and outputs: all of them or none. */
-static int take_fmu_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
+/* How many numbers an answer has: derivatives of states, outputs, and what a prediction is made of. */
+struct shape {
+    size_t nx, ny, more;
+};
+
+/* All of them or none. */
+static int take_fmu_answer(struct runner *r, ssize_t n, struct shape of, double *value, struct apc_error *why)
 {
-    const size_t n_values = nx + r->fmu->model.ny;
+    const size_t n_values = of.nx + of.ny + of.more;
     const int rc = read_fmu_answer(r, n, n_values, why);
 
     if (rc < 0)
         return rc;
     for (size_t i = 0; i < n_values; i++)
         if (!apc_value_ok(r->answer[HEADER + i]))
-            return apc_fail(why, APC_ESOLVER, "%s: its %s %s is not a finite number", r->fmu->file,
-                            i < nx ? "derivative of" : "output",
-                            i < nx ? r->fmu->table[STATE][i].name : r->fmu->output[i - nx].name);
+            return apc_fail(why, APC_ESOLVER, "%s: its %s%s is not a finite number", r->fmu->file,
+                            i < of.nx           ? "derivative of "
+                            : i < of.nx + of.ny ? "output "
+                                                : "prediction",
+                            i < of.nx           ? r->fmu->table[STATE][i].name
+                            : i < of.nx + of.ny ? r->fmu->output[i - of.nx].name
+                                                : "");
     memcpy(value, r->answer + HEADER, n_values * sizeof(*value));
     return 0;
+}
+
+/* A request of @p n numbers, which stand behind its header. Returns the bytes of the answer, or APC_ESOLVER. */
+static ssize_t converse(struct runner *r, enum fmu_request request, size_t n, struct apc_error *why)
+{
+    const struct fmu_header header = {.request = request, .number = ++r->asked};
+
+    memcpy(r->request, &header, sizeof(header));
+    r->own.since = apc_clock_mono(NULL);
+    if (!apc_subprocess_give(&r->own, r->request, (HEADER + n) * sizeof(double)))
+        return apc_fmu_fail_silent(&r->own, 0, why);
+    const ssize_t taken = apc_subprocess_take(&r->own, r->answer, r->room,
+                                              r->own.since + (r->patience ? r->patience : r->timeout));
+    if (taken < 0 && r->patience) {
+        r->waiting = true;
+        return apc_fail(why, APC_ESOLVER, "%s: has not answered within %g s", r->fmu->file,
+                        apc_ns_to_s(r->patience));
+    }
+    r->hung = taken < 0;
+    return taken <= 0 ? apc_fmu_fail_silent(&r->own, taken, why) : taken;
 }
 
 /* Start it, and wait until it has begun. */
@@ -84,12 +118,10 @@ static int set_out(struct runner *r, struct apc_error *why)
     r->begin->number = ++r->asked;
     /* It may have ended already: why is to be read. */
     (void)apc_subprocess_give(&r->own, r->begin, r->begin_length);
-    const ssize_t n =
-        apc_subprocess_take(&r->own, r->answer, (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT,
-                            apc_clock_mono(NULL) + r->timeout);
+    const ssize_t n = apc_subprocess_take(&r->own, r->answer, r->room, apc_clock_mono(NULL) + r->timeout);
     if (n <= 0)
         return apc_fmu_fail_silent(&r->own, n, why);
-    return take_fmu_answer(r, n, 0, r->y, why);
+    return take_fmu_answer(r, n, (struct shape){.ny = r->fmu->model.ny}, r->y, why);
 }
 
 static bool revive(struct apc_subprocess *own)
@@ -182,12 +214,13 @@ static void fmu_plant_destroy(void *self)
     free(r);
 }
 
-/* A process of the FMU, begun as @p with says: FMU_BEGIN or FMU_LOOK. */
+/* A process of the FMU, begun as @p with says: FMU_BEGIN, FMU_LOOK or FMU_AHEAD. */
 static int employ(struct runner **runner, const struct fmu *f, enum fmu_request with, const double *p,
                   const struct apc_plant_options *options, struct apc_error *why)
 {
     const struct apc_model *const model = &f->model;
-    const size_t nx = with == FMU_LOOK ? f->n[STATE] : 0;
+    const size_t nx = with == FMU_BEGIN ? 0 : f->n[STATE],
+                 slopes = with == FMU_AHEAD ? (nx + model->ny) * (nx + n_fmu_inputs(f)) : 0;
     struct runner *r;
     int rc;
 
@@ -206,8 +239,9 @@ static int employ(struct runner **runner, const struct fmu *f, enum fmu_request 
     r->patience = (apc_ns)(options->patience * 1e9);
     r->timeout = apc_fmu_timeout();
     r->request = calloc(HEADER + 2 + nx + model->nu + model->nd, sizeof(double));
-    r->answer = calloc((HEADER + nx + model->ny) * sizeof(double) + APC_FMU_TEXT + 1, 1);
-    r->y = calloc(nx + model->ny, sizeof(double));
+    r->room = (HEADER + nx + model->ny + slopes) * sizeof(double) + APC_FMU_TEXT;
+    r->answer = calloc(r->room + 1, 1);
+    r->y = calloc(nx + model->ny + slopes, sizeof(double));
     rc = r->request && r->answer && r->y && write_begin(r, options->period)
              ? 0
              : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
@@ -216,6 +250,9 @@ static int employ(struct runner **runner, const struct fmu *f, enum fmu_request 
     if (rc == 0 && r->begin_length > APC_SUBPROCESS_MESSAGE)
         rc = apc_fail(why, APC_EINVAL, "%s: its inputs, outputs and parameters that were set are too many",
                       f->file);
+    if (rc == 0 && r->room > APC_SUBPROCESS_MESSAGE)
+        rc = apc_fail(why, APC_EINVAL, "%s: its %zu states are too many for a linear model at each point",
+                      f->file, nx);
     if (rc == 0)
         rc = set_out(r, why);
     if (rc < 0) {
@@ -263,8 +300,7 @@ static int be_ready(struct runner *r, struct apc_error *why)
         return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, r->own.end);
     while (r->waiting) {
         struct fmu_header header = {0};
-        const ssize_t n = apc_subprocess_take(&r->own, r->answer,
-                                              (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT, 0);
+        const ssize_t n = apc_subprocess_take(&r->own, r->answer, r->room, 0);
         if (n == 0 || (n < 0 && now - r->own.since > 3 * r->patience + APC_NS_PER_S))
             return apc_fmu_fail_silent(&r->own, n, why);
         if (n < 0)
@@ -278,9 +314,7 @@ static int be_ready(struct runner *r, struct apc_error *why)
 static int request_fmu_step(struct runner *r, double t, double dt, const double *u, double *x,
                             struct apc_error *why)
 {
-    const struct apc_model *const m = &r->fmu->model;
     const size_t n_in = n_fmu_inputs(r->fmu);
-    struct fmu_header header = {.request = FMU_STEP};
     const int rc = be_ready(r, why);
 
     if (rc < 0)
@@ -288,23 +322,11 @@ static int request_fmu_step(struct runner *r, double t, double dt, const double 
     if (r->anew)
         r->offset = t;
     r->anew = false;
-    header.number = ++r->asked;
-    memcpy(r->request, &header, sizeof(header));
     r->request[HEADER] = t - r->offset;
     r->request[HEADER + 1] = dt;
     memcpy(r->request + HEADER + 2, u, n_in * sizeof(*u));
-    r->own.since = apc_clock_mono(NULL);
-    if (!apc_subprocess_give(&r->own, r->request, (HEADER + 2 + n_in) * sizeof(double)))
-        return apc_fmu_fail_silent(&r->own, 0, why);
-    const ssize_t n =
-        apc_subprocess_take(&r->own, r->answer, (HEADER + m->ny) * sizeof(double) + APC_FMU_TEXT,
-                            r->own.since + (r->patience ? r->patience : r->timeout));
-    if (n < 0 && r->patience) {
-        r->waiting = true;
-        return apc_fail(why, APC_ESOLVER, "%s: has not answered within %g s", r->fmu->file,
-                        apc_ns_to_s(r->patience));
-    }
-    return n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_fmu_answer(r, n, 0, x, why);
+    const ssize_t n = converse(r, FMU_STEP, 2 + n_in, why);
+    return n < 0 ? (int)n : take_fmu_answer(r, n, (struct shape){.ny = r->fmu->model.ny}, x, why);
 }
 
 static int fmu_plant_step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
@@ -328,17 +350,10 @@ const struct apc_integrator apc_integrator_fmu = {.name = "fmu",
 
 static int ask_start(struct runner *r, enum table k, size_t place, struct apc_error *why)
 {
-    const struct fmu_header header = {.request = FMU_OWN, .number = ++r->asked};
-    int rc;
-
-    memcpy(r->request, &header, sizeof(header));
     r->request[HEADER] = (double)k;
     r->request[HEADER + 1] = (double)place;
-    if (!apc_subprocess_give(&r->own, r->request, (HEADER + 2) * sizeof(double)))
-        return apc_fmu_fail_silent(&r->own, 0, why);
-    const ssize_t n = apc_subprocess_take(&r->own, r->answer, (HEADER + 1) * sizeof(double) + APC_FMU_TEXT,
-                                          apc_clock_mono(NULL) + r->timeout);
-    rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : read_fmu_answer(r, n, 1, why);
+    const ssize_t n = converse(r, FMU_OWN, 2, why);
+    int rc = n < 0 ? (int)n : read_fmu_answer(r, n, 1, why);
     if (rc == 0 && !apc_value_ok(r->answer[HEADER]))
         rc = apc_fail(why, APC_EINVAL, "%s: its %s is not a finite number", r->fmu->file,
                       r->fmu->table[k][place].name);
@@ -421,48 +436,125 @@ int apc_model_equations(const struct apc_model *model, const struct apc_model **
     return apc_model_check(*shown, f->file, why);
 }
 
-int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown, const double *p,
+int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown, const double *p, bool ahead,
                       struct apc_error *why)
 {
     const struct fmu *const f = apc_fmu_of(shown);
     struct runner *r = NULL;
 
     *look = NULL;
+    if (ahead && !f->n[INPUT])
+        return apc_fail(why, APC_EINVAL, "%s: it has no inputs, so nothing could be controlled by it",
+                        f->file);
     for (size_t i = 0; f->n[INPUT] && i < f->model.nu; i++) /* its rounded differences would be a gain of 0 */
         if (f->sort[INPUT][f->input_place[i]].kind != REAL)
             return apc_fail(why, APC_EINVAL,
                             "%s: its input %s takes whole numbers only, so nothing can be derived by it: "
                             "apc analyze an experiment that has others as its outputs, or apc test",
                             f->file, f->input[i].name);
-    const int rc = employ(&r, f, FMU_LOOK, p, &(struct apc_plant_options){.size = 0}, why);
+    const int rc =
+        employ(&r, f, ahead ? FMU_AHEAD : FMU_LOOK, p, &(struct apc_plant_options){.size = 0}, why);
 
     *look = (struct apc_fmu_look *)(void *)r;
     return rc;
 }
 
-int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u, double *dx, double *y,
+static _Thread_local apc_ns look_until;
+
+void apc_reduced_until(apc_ns mono)
+{
+    look_until = mono;
+}
+
+/* x, u and @p more numbers that stand behind these already: the answer to r->y. Without @p why the reason is
+ * kept, that of a question before that of none, which has been none since. */
+static int look(struct runner *r, enum fmu_request request, const double *x, const double *u, size_t more,
+                struct shape of, struct apc_error *why)
+{
+    const size_t nx = r->fmu->n[STATE], n_in = n_fmu_inputs(r->fmu);
+    struct apc_error cause = {.text = ""};
+    bool asked = false;
+    int rc = 0;
+
+    pthread_mutex_lock(&r->own.lock);
+    if (r->spent)
+        apc_subprocess_bury(&r->own, false);
+    r->spent = false;
+    r->patience = look_until ? look_until - apc_clock_mono(NULL) : 0;
+    if (r->patience < 0)
+        rc = apc_fail(&cause, APC_ESOLVER, "%s: there is no time left to ask it", r->fmu->file);
+    else if (r->own.socket < 0 && !look_until && !r->hung) /* it erred, and may answer another question */
+        rc = set_out(r, &cause);
+    if (rc == 0)
+        rc = be_ready(r, &cause);
+    if (rc == 0) {
+        asked = true;
+        memcpy(r->request + HEADER, x, nx * sizeof(*x));
+        memcpy(r->request + HEADER + nx, u, n_in * sizeof(*u));
+        const ssize_t n = converse(r, request, nx + n_in + more, &cause);
+        rc = n < 0 ? (int)n : take_fmu_answer(r, n, of, r->y, &cause);
+    }
+    pthread_mutex_unlock(&r->own.lock);
+    if (why)
+        *why = cause;
+    else if (rc == 0 || asked || !r->failure.text[0])
+        r->failure = cause;
+    return rc < 0 ? APC_ESOLVER : 0;
+}
+
+static size_t n_slopes(const struct runner *r, size_t rows)
+{
+    return rows * (r->fmu->n[STATE] + n_fmu_inputs(r->fmu));
+}
+
+int apc_fmu_look_at(struct apc_fmu_look *at, const double *x, const double *u, double *dx, double *y,
                     struct apc_error *why)
 {
-    struct runner *const r = (struct runner *)(void *)look;
-    const struct apc_model *const m = &r->fmu->shown;
-    const struct fmu_header header = {.request = FMU_POINT, .number = ++r->asked};
-    const size_t n_in = n_fmu_inputs(r->fmu);
-    int rc;
+    struct runner *const r = (struct runner *)(void *)at;
+    const struct shape of = {.nx = r->fmu->n[STATE], .ny = r->fmu->model.ny};
+    const int rc = look(r, FMU_POINT, x, u, 0, of, why);
 
-    memcpy(r->request, &header, sizeof(header));
-    memcpy(r->request + HEADER, x, m->nx * sizeof(*x));
-    memcpy(r->request + HEADER + m->nx, u, n_in * sizeof(*u));
-    if (!apc_subprocess_give(&r->own, r->request, (HEADER + m->nx + n_in) * sizeof(double)))
-        return apc_fmu_fail_silent(&r->own, 0, why);
-    const ssize_t n =
-        apc_subprocess_take(&r->own, r->answer, (HEADER + m->nx + m->ny) * sizeof(double) + APC_FMU_TEXT,
-                            apc_clock_mono(NULL) + r->timeout);
-    rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_fmu_answer(r, n, m->nx, r->y, why);
-    if (rc < 0)
-        return APC_ESOLVER;
-    memcpy(dx, r->y, m->nx * sizeof(*dx));
-    memcpy(y, r->y + m->nx, m->ny * sizeof(*y));
-    return 0;
+    if (rc == 0 && dx)
+        memcpy(dx, r->y, of.nx * sizeof(*dx));
+    if (rc == 0 && y)
+        memcpy(y, r->y + of.nx, of.ny * sizeof(*y));
+    return rc;
+}
+
+int apc_fmu_look_slopes(struct apc_fmu_look *at, const double *x, const double *u, double *slopes)
+{
+    struct runner *const r = (struct runner *)(void *)at;
+    const size_t nx = r->fmu->n[STATE], ny = r->fmu->model.ny, n = n_slopes(r, nx + ny);
+    const int rc = look(r, FMU_SLOPES, x, u, 0, (struct shape){nx, ny, n}, NULL);
+
+    if (rc == 0)
+        memcpy(slopes, r->y + nx + ny, n * sizeof(*slopes));
+    return rc;
+}
+
+int apc_fmu_look_interval(struct apc_fmu_look *at, double *x, const double *u, double t, unsigned steps,
+                          double *slopes)
+{
+    struct runner *const r = (struct runner *)(void *)at;
+    const size_t nx = r->fmu->n[STATE], n = n_slopes(r, nx);
+    double *const behind = r->request + HEADER + nx + n_fmu_inputs(r->fmu);
+
+    behind[0] = t;
+    behind[1] = steps;
+    const int rc = look(r, FMU_INTERVAL, x, u, 2, (struct shape){.more = nx + n}, NULL);
+    if (rc == 0) {
+        memcpy(x, r->y, nx * sizeof(*x));
+        memcpy(slopes, r->y + nx, n * sizeof(*slopes));
+    }
+    return rc;
+}
+
+const char *apc_fmu_look_error(const struct apc_fmu_look *at)
+{
+    const struct runner *const r = (const struct runner *)(const void *)at;
+    const size_t n = strlen(r->fmu->file);
+
+    return strncmp(r->failure.text, r->fmu->file, n) == 0 ? r->failure.text + n + 2 : r->failure.text;
 }
 
 void apc_fmu_look_close(struct apc_fmu_look *look)

@@ -101,7 +101,7 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     if (n > at->nx)
         apc_param_initials(model->algebraic, n - at->nx, at->x + at->nx);
     if (apc_fmu_shown(model))
-        rc = apc_fmu_look_open(&at->look, model, at->p, why);
+        rc = apc_fmu_look_open(&at->look, model, at->p, false, why);
     if (rc < 0)
         close_point(at);
     return rc;

@@ -27,6 +27,8 @@ void apc_param_initials(const struct apc_param *param, size_t n, double *value);
 int apc_model_take(const struct apc_model *model, double *value, const double *given,
                    const struct apc_param *table, size_t n, const char *what, struct apc_error *why);
 
+struct apc_fmu_look;
+
 /* ---- Algebraic equations -------------------------------------------------------------------- */
 
 /** Solves 0 = residual(t, x, z, u, p) for the z behind x [nx + nz], by Newton's method from where z is. */
@@ -57,35 +59,49 @@ struct apc_reduced {
     const double *p;
     struct apc_algebraic *algebraic; /* NULL: it has none */
     double *x;                       /* [nx + nz] */
+    struct apc_fmu_look *look;       /* of an FMU, which is asked instead of f and g; NULL: it is none */
+    bool plain;                      /* neither of both */
 };
 
 /** @p p is borrowed. [setup] Returns 0 or APC_ENOMEM. */
 int apc_reduced_open(struct apc_reduced *reduced, const struct apc_model *model, const double *p,
                      struct apc_error *why);
 void apc_reduced_close(struct apc_reduced *reduced); /**< One of zeros is legal. [setup] */
-/** @p x [nx] with the algebraic variables behind it, until the next call; NULL where the equations have no
- * solution. [tick] */
-const double *apc_reduced_complete(const struct apc_reduced *reduced, const double *x, const double *u);
+/** Those of a model that is not plain. [tick] */
+int apc_reduced_solve_f(const struct apc_reduced *reduced, const double *x, const double *u, double *dx);
+void apc_reduced_solve_g(const struct apc_reduced *reduced, const double *x, const double *u, double *y);
+/** Until when (mono) this thread waits for an FMU from now on; 0: it is not real time. [tick] */
+void apc_reduced_until(apc_ns mono);
+/** Has it its own derivatives, which cost less than differences? */
+static inline bool apc_reduced_derives(const struct apc_reduced *reduced)
+{
+    return reduced->look != NULL;
+}
+
+/** Derivatives by x and u [nx + nu + nd], row after row, of a model that has its own: of x' and y at a point;
+ * of @p x after @p t in so many steps of Runge and Kutta, to where it goes. Return 0 or APC_ESOLVER. [tick] */
+int apc_reduced_slopes(const struct apc_reduced *reduced, const double *x, const double *u, double *slopes);
+int apc_reduced_interval(const struct apc_reduced *reduced, double *x, const double *u, double t,
+                         unsigned steps, double *slopes);
+/** Why the last question had no answer; "": nobody says. [tick] */
+const char *apc_reduced_error(const struct apc_reduced *reduced);
 
 /** x' to @p dx [nx]; nonzero where the model is not defined. Models without equations pay a look. [tick] */
 static inline int apc_reduced_f(const struct apc_reduced *reduced, const double *x, const double *u,
                                 double *dx)
 {
-    const double *whole = reduced->algebraic ? apc_reduced_complete(reduced, x, u) : x;
-
-    return whole ? reduced->model->f(0.0, whole, u, reduced->p, dx) : -1;
+    return reduced->plain ? reduced->model->f(0.0, x, u, reduced->p, dx)
+                          : apc_reduced_solve_f(reduced, x, u, dx);
 }
 
-/** NaN where the algebraic equations have no solution. [tick] */
+/** NaN where there is no solution or answer. [tick] */
 static inline void apc_reduced_g(const struct apc_reduced *reduced, const double *x, const double *u,
                                  double *y)
 {
-    const double *whole = reduced->algebraic ? apc_reduced_complete(reduced, x, u) : x;
-
-    for (size_t i = 0; !whole && i < reduced->model->ny; i++)
-        y[i] = (double)NAN;
-    if (whole)
-        reduced->model->g(0.0, whole, u, reduced->p, y);
+    if (reduced->plain)
+        reduced->model->g(0.0, x, u, reduced->p, y);
+    else
+        apc_reduced_solve_g(reduced, x, u, y);
 }
 
 /* ---- Integrators ---------------------------------------------------------------------------- */
@@ -115,6 +131,8 @@ extern const struct apc_integrator apc_integrator_cvode, apc_integrator_adams, a
 
 /** One that is stepped, with no f and g that could be asked; its states are its outputs. [tick] */
 bool apc_model_is_fmu(const struct apc_model *model);
+/** Is this what apc_model_equations() has made of one? */
+bool apc_fmu_shown(const struct apc_model *model);
 
 /* ---- Dead time ------------------------------------------------------------------------------ */
 

@@ -42,6 +42,7 @@ struct apc_estimator {
     double *x, *next, *slope, *column, *y, *moved; /* [nx], y and moved [ny] */
     struct apc_innovation *innovation;             /* [ny] of the last correction */
     double *input;                                 /* [n_inputs] with what disturbs it */
+    double *slopes; /* [(n_model + ny) * (n_model + n_inputs)] of a model that derives itself */
     double *memory;
 };
 
@@ -76,7 +77,8 @@ static int check_variances(const double *value, size_t n, double least, const ch
 
 static int allocate_estimator(struct apc_estimator *e, const struct apc_estimator_options *o)
 {
-    const size_t nx = e->nx, ny = e->ny, n = e->n_inputs, np = o->model ? o->model->np : 0;
+    const size_t nx = e->nx, ny = e->ny, n = e->n_inputs, np = o->model ? o->model->np : 0,
+                 m = o->model && apc_fmu_shown(o->model) ? e->n_model + ny : 0;
     static const struct apc_linear none;
     const struct apc_linear *linear = o->linear ? o->linear : &none;
     const struct apc_part parts[] = {APC_PART_COPY(e->A, nx * nx, linear->A),
@@ -103,7 +105,8 @@ static int allocate_estimator(struct apc_estimator *e, const struct apc_estimato
                                      APC_PART(e->y, ny),
                                      APC_PART(e->moved, ny),
                                      APC_PART(e->innovation, ny),
-                                     APC_PART(e->input, n)};
+                                     APC_PART(e->input, n),
+                                     APC_PART(e->slopes, m * (e->n_model + n))};
 
     e->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     return e->memory ? 0 : APC_ENOMEM;
@@ -452,9 +455,40 @@ static double small_step(double x)
     return 6e-6 * fmax(fabs(x), 1e-3); /* about the cube root of the rounding error */
 }
 
+/* Does the model give its own derivatives? Those of its loops nobody gives. */
+static bool derives(const struct apc_estimator *e)
+{
+    return apc_reduced_derives(&e->reduced) && !e->nested;
+}
+
+/* Of the model's own derivatives at x the @p n rows from @p first on, with unknown disturbances, to [n * nx]. */
+static int own_slopes(struct apc_estimator *e, const double *x, const double *u, size_t first, size_t n,
+                      double *to)
+{
+    const int rc = apc_reduced_slopes(&e->reduced, x, disturbed(e, x, u), e->slopes);
+
+    for (size_t i = 0; i < n; i++) {
+        const double *row = e->slopes + (first + i) * (e->n_model + e->n_inputs);
+
+        memcpy(to + i * e->nx, row, e->n_model * sizeof(*to));
+        for (size_t k = 0; k < e->n_unknown; k++)
+            to[i * e->nx + e->n_model + k] =
+                e->unknown[k].where == APC_AT_INPUT ? row[e->n_model + e->unknown[k].number]
+                : first && e->unknown[k].where == APC_AT_OUTPUT && e->unknown[k].number == i ? 1.0
+                                                                                             : 0.0;
+    }
+    for (size_t i = 0; rc < 0 && i < n * e->nx; i++)
+        to[i] = (double)NAN;
+    return rc;
+}
+
 /* The measurement's Jacobian at x into gain [ny * nx]. */
 static void measurement_jacobian(struct apc_estimator *e, const double *x, const double *u)
 {
+    if (derives(e)) {
+        (void)own_slopes(e, x, u, e->n_model, e->ny, e->gain);
+        return;
+    }
     memcpy(e->next, x, e->nx * sizeof(*x));
     for (size_t j = 0; j < e->nx; j++) {
         double step = small_step(x[j]), up = x[j] + step, down = x[j] - step;
@@ -634,6 +668,10 @@ static int runge_kutta_step(struct apc_estimator *e, double *x, const double *u,
 
 static int jacobian(struct apc_estimator *e, const double *x, const double *u)
 {
+    if (derives(e)) {
+        memset(e->J, 0, e->nx * e->nx * sizeof(*e->J));
+        return own_slopes(e, x, u, 0, e->n_model, e->J);
+    }
     memcpy(e->next, x, e->nx * sizeof(*x));
     for (size_t j = 0; j < e->nx; j++) {
         double by = small_step(x[j]), up = x[j] + by, down = x[j] - by;

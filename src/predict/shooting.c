@@ -43,21 +43,41 @@ struct apc_shooting {
     double *A, *B, *C, *D;        /* [nx * nx], [nx * 2 nu], [ny * nx], [ny * nu] of an interval */
     double *e, *S;                /* [N * nx], [N * nx * n] */
     double *plan, *away;          /* [n] of the last linearisation; from u0 */
+    double *slopes, *product; /* [(nx + ny) * (nx + nu + nd)], [nx * (nx + 2 nu)] where it derives itself */
 };
 
 static int allocate_shooting(struct apc_shooting *s, const struct apc_shooting_options *o)
 {
-    const size_t nx = s->nx, nu = s->nu, ny = s->ny, n = s->n, all = nu + o->model->nd;
-    const struct apc_part parts[] = {
-        APC_PART(s->block_of, s->N),  APC_PART(s->whole, nu),      APC_PART(s->unknown, o->n_unknown),
-        APC_PART(s->p, o->model->np), APC_PART(s->bit, nu),        APC_PART(s->begins, nu + 2),
-        APC_PART(s->newer, nu),       APC_PART(s->older, nu),      APC_PART(s->nominal, all),
-        APC_PART(s->input, all),      APC_PART(s->u0, nu),         APC_PART(s->moved, nu),
-        APC_PART(s->slope, nx),       APC_PART(s->at, nx),         APC_PART(s->sum, nx),
-        APC_PART(s->x, nx),           APC_PART(s->up, nx + ny),    APC_PART(s->down, nx + ny),
-        APC_PART(s->A, nx * nx),      APC_PART(s->B, nx * 2 * nu), APC_PART(s->C, ny * nx),
-        APC_PART(s->D, ny * nu),      APC_PART(s->e, s->N * nx),   APC_PART(s->S, s->N * nx * n),
-        APC_PART(s->plan, n),         APC_PART(s->away, n)};
+    const size_t nx = s->nx, nu = s->nu, ny = s->ny, n = s->n, all = nu + o->model->nd,
+                 own = apc_fmu_shown(o->model) ? nx : 0;
+    const struct apc_part parts[] = {APC_PART(s->block_of, s->N),
+                                     APC_PART(s->whole, nu),
+                                     APC_PART(s->unknown, o->n_unknown),
+                                     APC_PART(s->p, o->model->np),
+                                     APC_PART(s->bit, nu),
+                                     APC_PART(s->begins, nu + 2),
+                                     APC_PART(s->newer, nu),
+                                     APC_PART(s->older, nu),
+                                     APC_PART(s->nominal, all),
+                                     APC_PART(s->input, all),
+                                     APC_PART(s->u0, nu),
+                                     APC_PART(s->moved, nu),
+                                     APC_PART(s->slope, nx),
+                                     APC_PART(s->at, nx),
+                                     APC_PART(s->sum, nx),
+                                     APC_PART(s->x, nx),
+                                     APC_PART(s->up, nx + ny),
+                                     APC_PART(s->down, nx + ny),
+                                     APC_PART(s->A, nx * nx),
+                                     APC_PART(s->B, nx * 2 * nu),
+                                     APC_PART(s->C, ny * nx),
+                                     APC_PART(s->D, ny * nu),
+                                     APC_PART(s->e, s->N * nx),
+                                     APC_PART(s->S, s->N * nx * n),
+                                     APC_PART(s->plan, n),
+                                     APC_PART(s->away, n),
+                                     APC_PART(s->product, own * (nx + 2 * nu)),
+                                     APC_PART(s->slopes, (own + ny) * (nx + all))};
 
     s->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     return s->memory ? 0 : APC_ENOMEM;
@@ -196,6 +216,11 @@ int apc_shooting_advance(struct apc_shooting *s, double *x, const double *u, con
     return rc;
 }
 
+const char *apc_shooting_error(const struct apc_shooting *s)
+{
+    return apc_reduced_error(&s->reduced);
+}
+
 /* ---- Derivatives -------------------------------------------------------------------------------- */
 
 /* A step for central differences: about the cube root of the rounding error. */
@@ -233,11 +258,54 @@ static int end_as_is(struct apc_shooting *s, const double *x, const double *d)
     return interval_end(s, x, d, s->nx + 2 * s->nu, 0.0, s->x);
 }
 
-/* A and B of the interval from x. */
+/* The end of an interval from x, A and B, of a model that derives itself: those of its parts, one after the
+ * other. */
+static int derive_interval(struct apc_shooting *s, const double *x, const double *d)
+{
+    const size_t nx = s->nx, nu = s->nu, all = nx + nu + s->model->nd;
+
+    memcpy(s->x, x, nx * sizeof(*x));
+    memset(s->B, 0, nx * 2 * nu * sizeof(*s->B));
+    memset(s->A, 0, nx * nx * sizeof(*s->A));
+    for (size_t i = 0; i < nx; i++)
+        s->A[i * nx + i] = 1.0;
+    for (size_t part = 0; part < s->parts; part++) {
+        double *B = s->product + nx * nx;
+
+        for (size_t j = 0; j < nu; j++)
+            s->moved[j] = s->bit[j] <= s->begins[part] ? s->newer[j] : s->older[j];
+        disturb(s, s->moved, d);
+        if (apc_reduced_interval(&s->reduced, s->x, s->input, s->begins[part + 1] - s->begins[part], s->steps,
+                                 s->slopes) < 0)
+            return APC_ESOLVER;
+        memset(s->product, 0, nx * (nx + 2 * nu) * sizeof(*s->product));
+        for (size_t i = 0; i < nx; i++) {
+            const double *row = s->slopes + i * all;
+
+            for (size_t k = 0; k < nx; k++) {
+                for (size_t c = 0; c < nx; c++)
+                    s->product[i * nx + c] += row[k] * s->A[k * nx + c];
+                for (size_t c = 0; c < 2 * nu; c++)
+                    B[i * 2 * nu + c] += row[k] * s->B[k * 2 * nu + c];
+            }
+            for (size_t j = 0; j < nu; j++)
+                B[i * 2 * nu + j + (s->bit[j] <= s->begins[part] ? 0 : nu)] += row[nx + j];
+        }
+        memcpy(s->A, s->product, nx * nx * sizeof(*s->A));
+        memcpy(s->B, B, nx * 2 * nu * sizeof(*s->B));
+    }
+    return apc_values_ok(s->x, nx) ? 0 : APC_ESOLVER;
+}
+
+/* The end of the interval from x, its A and B. */
 static int linearize_interval(struct apc_shooting *s, const double *x, const double *d)
 {
     const size_t nx = s->nx, nu = s->nu;
 
+    if (apc_reduced_derives(&s->reduced) && !s->nested)
+        return derive_interval(s, x, d);
+    if (end_as_is(s, x, d) < 0)
+        return APC_ESOLVER;
     for (size_t k = 0; k < nx + 2 * nu; k++) {
         const double by = small(k < nx ? x[k] : k < nx + nu ? s->newer[k - nx] : s->older[k - nx - nu]);
         double *column = k < nx ? s->A + k : s->B + (k - nx);
@@ -272,7 +340,18 @@ static void predict_outputs(struct apc_shooting *s, const double *x, const doubl
 static void linearize_outputs(struct apc_shooting *s, const double *x, const double *d)
 {
     double *up = s->up + s->nx, *down = s->down + s->nx;
+    const size_t nx = s->nx, all = nx + s->nu + s->model->nd;
 
+    if (apc_reduced_derives(&s->reduced) && !s->nested) {
+        disturb(s, s->newer, d);
+        if (apc_reduced_slopes(&s->reduced, x, s->input, s->slopes) < 0)
+            s->slopes[nx * all] = (double)NAN; /* which whoever uses it looks for */
+        for (size_t c = 0; c < s->ny; c++) {
+            memcpy(s->C + c * nx, s->slopes + (nx + c) * all, nx * sizeof(*s->C));
+            memcpy(s->D + c * s->nu, s->slopes + (nx + c) * all + nx, s->nu * sizeof(*s->D));
+        }
+        return;
+    }
     memcpy(s->at, x, s->nx * sizeof(*x));
     memcpy(s->moved, s->newer, s->nu * sizeof(*s->moved));
     for (size_t k = 0; k < s->nx + s->nu; k++) {
@@ -354,7 +433,7 @@ int apc_shooting_linearise(struct apc_shooting *s, const double *x, const double
         double *y = free_y + i * ny;
 
         take_inputs(s, plan, past, i);
-        if (end_as_is(s, from, d) < 0 || linearize_interval(s, from, d) < 0)
+        if (linearize_interval(s, from, d) < 0)
             return APC_ESOLVER;
         carry_on(s, i, to);
         linearize_outputs(s, to, d);
@@ -417,7 +496,7 @@ int apc_shooting_sample(struct apc_shooting *s, const double *x, const double *u
 
     memcpy(s->newer, u, nu * sizeof(*u));
     memcpy(s->older, u, nu * sizeof(*u));
-    if (end_as_is(s, x, d) < 0 || linearize_interval(s, x, d) < 0)
+    if (linearize_interval(s, x, d) < 0)
         return APC_ESOLVER;
     memset(drift, 0, to->nx * sizeof(*drift));
     for (size_t i = 0; i < nx; i++)

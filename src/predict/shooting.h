@@ -34,6 +34,8 @@ struct apc_shooting_options {
 int apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
                         struct apc_error *why);
 void apc_shooting_destroy(struct apc_shooting *shoot); /* NULL is legal */
+/* Why the model said nothing, where it can say why; "": it cannot. [tick] */
+const char *apc_shooting_error(const struct apc_shooting *shoot);
 /* Is x in the ranges where the model holds? [tick] */
 bool apc_shooting_holds(const struct apc_shooting *shoot, const double *x);
 /* The model's own disturbances [nd] from now on, before unknown ones add to them. [tick] */

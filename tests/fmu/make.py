@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pack the library of tank.c or ball.c as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
-   model=ball, inputs=none, indicators=N (both of the ball),
+"""Pack the library of tank.c, ball.c or reactor.c as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
+   model=ball|reactor, inputs=none (of the ball), indicators=N (of the latter two), derivatives=true (directional ones are offered),
    names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
    kinds=all (parameters of each kind), input=TYPE (of u, of its own limits where it is typed),
    starts=none (of parameters, inputs and states), starts=inf (of K),
@@ -28,6 +28,15 @@ if model == "ball":
         ("trick", 9, "parameter", None, 0, ""), ("wind", 10, "input", "m/s2", 0.0, "")]
     for_state = {"h": 1, "v": 2} if version == 2 else {"h": 0, "v": 1}
     about = [(*one[:5], one[5].format(**for_state)) for one in about if one[2] != "input" or how.get("inputs") != "none"]
+elif model == "reactor":
+    kind = how.get("kind", "ModelExchange")
+    of = {name: 1 + i if version == 2 else i for i, name in enumerate(("cA", "cB", "T"))}
+    about = [("cA", 0, "local", "mol/L", 0.51509, ' min="0" max="1e3"'), ("cB", 1, "local", "mol/L", 0.63017, ' min="0" max="1e3"'),
+             ("T", 2, "output", "degC", 38.6155, ' min="-273.15" max="1e4"')]
+    about += [(f"der({name})", 3 + i, "local", "", None, f' derivative="{of[name]}"') for i, name in enumerate(of)]
+    about += [("F", 6, "input", "mL/min", 500.0, ' min="0" max="1000"'), ("cAin", 7, "input", "mol/L", 0.8, ' min="0" max="10"'),
+              ("cBin", 8, "input", "mol/L", 1.2, ' min="0" max="10"'), ("Tin", 9, "input", "degC", 0.5, ' min="-50" max="100"'), ("ln_k0", 11, "parameter", "", 24.6, ""), ("E", 12, "parameter", "K", 8500.0, ""),
+              ("beta", 13, "parameter", "K L/mol", 133.779, ""), ("V", 14, "parameter", "L", 0.105, ""), ("trick", 15, "parameter", None, 0, "")]
 if how.get("starts") == "none":
     about = [(*one[:4], None, one[5]) for one in about]
 elif how.get("starts") == "inf":
@@ -48,6 +57,11 @@ if states:
 if model == "ball":
     structure = '<Derivatives><Unknown index="3"/><Unknown index="4"/></Derivatives>' if version == 2 else \
         "".join(f'<ContinuousStateDerivative valueReference="{i}"/>' for i in (2, 3)) + '<EventIndicator valueReference="0"/>'
+elif model == "reactor":
+    structure = "<Derivatives>" + "".join(f'<Unknown index="{i}"/>' for i in (4, 5, 6)) + "</Derivatives>" if version == 2 else \
+        "".join(f'<ContinuousStateDerivative valueReference="{i}"/>' for i in (3, 4, 5))
+    if version == 3 and "indicators" in how:
+        structure += '<EventIndicator valueReference="0"/>'
 
 
 def variable_of(name, reference, causality, unit, start, more):
@@ -90,11 +104,12 @@ types = f'<SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType
 shown = [i for i, one in enumerate(about) if one[2] == "output"]
 outputs = "<Outputs>" + "".join(f'<Unknown index="{i + 1}"/>' for i in shown) + "</Outputs>" if version == 2 else \
     "".join(f'<Output valueReference="{about[i][1]}"/>' for i in shown)
+derives = f'providesDirectionalDerivative{"" if version == 2 else "s"}="true" ' if "derivatives" in how else ""
 token = "guid" if version == 2 else "instantiationToken"
 xml = f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="{model}" {token}="{how.get("token", "{" + model + "}")}"
-                     description="a tank with an inflow"{f' numberOfEventIndicators="{how.get("indicators", 1)}"' if version == 2 and model == "ball" else ""}>
-  <{kind} modelIdentifier="{model}" {f'canHandleVariableCommunicationStepSize="{variable}" ' if kind == "CoSimulation" else ""}needsExecutionTool="{how.get("tool", "false")}"/>
+                     description="a tank with an inflow"{f' numberOfEventIndicators="{how.get("indicators", int(model == "ball"))}"' if version == 2 and kind == "ModelExchange" else ""}>
+  <{kind} modelIdentifier="{model}" {derives}{f'canHandleVariableCommunicationStepSize="{variable}" ' if kind == "CoSimulation" else ""}needsExecutionTool="{how.get("tool", "false")}"/>
   <TypeDefinitions>{types}</TypeDefinitions>
   <DefaultExperiment startTime="0"{step}/>
   <ModelVariables>
