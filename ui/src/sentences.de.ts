@@ -473,6 +473,10 @@ export const sentences: Record<string, string> = {
 
   // those that are told, and the broker
   "{=} was not told: \"{=}\" {=}": "{1} wurde nicht gemeldet: „{2}“ {3}",
+  "{=}: step {=} of {=}, \"{=}\", failed": "{1}: Stufe {2} von {3}, „{4}“: misslungen",
+  "{=}: step {=} of {=}, \"{=}\", was told": "{1}: Stufe {2} von {3}, „{4}“: benachrichtigt",
+  "{=}: step {=} of {=}, \"{=}\", was told again": "{1}: Stufe {2} von {3}, „{4}“: wieder benachrichtigt",
+  "{=}: step {=} of {=}, \"{=}\", was not told: it was acknowledged or masked before": "{1}: Stufe {2} von {3}, „{4}“: nicht benachrichtigt, vorher quittiert oder ausgeblendet",
   "\"{=}\" is told of alarms; {=} were not told": "„{1}“ erhält Alarme; {2} wurden nicht gemeldet",
   "a command from the broker: {}": "ein Befehl vom Broker: {1}",
   "{=} commands from the broker; the last: {}": "{1} Befehle vom Broker; der letzte: {2}",

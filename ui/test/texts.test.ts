@@ -76,7 +76,7 @@ function toldBy(): string[] {
 }
 
 /** As a key of the sentences: each place of a number or a text is {}, and what stands at the ends is left out. */
-const plain = (text: string): string => text.replace(/%[-+ #0]*[\d.*]*(?:hh|h|ll|l|z|j)?[a-zA-Z]|\{(?:=|mode|s|)\}/g, "{}").replace(/(?:\{\})+/g, "{}").replace(/^[\s:;,]*(?:\{\}[\s:;,]*)*|[\s:;,]*(?:\{\}[\s:;,]*)*$/g, "");
+const plain = (text: string): string => text.replace(/%[-+ #0]*[\d.*]*(?:hh|h|ll|l|z|j|t)?[a-zA-Z]|\{(?:=|mode|s|)\}/g, "{}").replace(/(?:\{\})+/g, "{}").replace(/^[\s:;,]*(?:\{\}[\s:;,]*)*|[\s:;,]*(?:\{\}[\s:;,]*)*$/g, "");
 const keys = Object.keys(sentences).map(plain);
 const missing = (all: string[]): string[] => [...new Set(all)].filter(one => /[a-z]{3}/.test(one.replace(/%[^a-zA-Z]*[a-zA-Z]/g, ""))).filter(one => !keys.some(key => key.includes(plain(one))));
 

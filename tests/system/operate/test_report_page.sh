@@ -8,7 +8,7 @@
 # ---- Of a run: its alarms and its loops
 expect 0 '' env -u APC_STORE "$apc" run "$APC_SOURCE_DIR/experiments/alarms/pump-failure.conf" --no-ui --speed max -d 1500 -o "$work/run"
 mkdir "$work/pages"
-# Types(page): apc report --day yesterday --html report.html
+# Types(docs/page.md): apc report --day yesterday --html report.html
 expect 0 'report: .*/pages/pump-failure-2000-01-01\.html' env -u APC_STORE TZ=UTC "$apc" report "$work/run" --html "$work/pages"
 shown() {
   python3 - "$@" <<'END'
