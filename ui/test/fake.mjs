@@ -283,6 +283,8 @@ export class Fake {
       case "/api/graphic":
         response.writeHead(200, {"Content-Type": "image/svg+xml"});
         return response.end(this.graphic);
+      case "/api/displays":
+        return json({writable: false, displays: this.graphic ? [{name: "overview", title: "overview", level: 1, version: 0, author: null, time: null, comment: null}] : []});
       case "/api/plants":
         return json({t: this.now, plants: [{name: "line1", here: true, age: 0.2, page: null}, {name: "line2", here: false, age: 7412, page: "https://line2.example/"}]});
       case "/api/kpis":
