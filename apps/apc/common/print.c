@@ -409,7 +409,7 @@ static void page_cell(FILE *out, const char *element, enum print_align align, co
 int page_table(FILE *out, struct print_table *table)
 {
     const bool failed = table->failed;
-    bool used[PRINT_COLUMNS];
+    bool used[PRINT_COLUMNS] = {0};
     fputs(table->n > 0 ? "<table>\n<thead><tr>" : "", out);
     for (size_t i = 0; i < table->n_columns && table->n > 0; i++)
         if ((used[i] = is_column_used(table, i)))

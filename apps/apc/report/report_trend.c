@@ -191,10 +191,11 @@ static void put_caption(FILE *out, const struct known_plant *plant, const struct
 int report_trend(FILE *out, struct apc_store *store, const struct known_plant *plant,
                  const struct loops_loop *l, const struct page_window *w)
 {
-    struct pen *pens = calloc(3, sizeof *pens), *y = pens, *z = pens + 1, *u = pens + 2;
+    struct pen *pens = calloc(3, sizeof *pens);
     struct frame above = {6, 100, HUGE_VAL, -HUGE_VAL}, below = {120, 44, HUGE_VAL, -HUGE_VAL};
     if (!pens)
         return APC_ENOMEM;
+    struct pen *y = &pens[0], *z = &pens[1], *u = &pens[2];
     int rc = load_pen(y, store, plant, APC_SENSOR, l->measurement, w);
     if (rc == 0)
         rc = load_pen(z, store, plant, APC_SETPOINT, l->setpoint, w);
