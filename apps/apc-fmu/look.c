@@ -202,7 +202,7 @@ bool look_interval(const struct run *r, const double *x, const double *u, double
     memcpy(out, x, nx * sizeof *out);
     for (size_t i = 0; i < nx; i++)
         out[nx + i * n + i] = 1.0;
-    for (double step = 0.0; step < steps; step += 1.0) {
+    for (int step = 0; step < (int)steps; step++) {
         memset(sum, 0, all * sizeof *sum);
         for (int k = 0; k < 4; k++) {
             for (size_t i = 0; i < all; i++)

@@ -295,7 +295,7 @@ static void save_display(struct ui *ui, struct request *r, const struct display_
     struct display made = {.version = o->version + 1};
     snprintf(made.name, sizeof made.name, "%s", r->name);
     json_add(&about, "{title:%s, level:%jd, author:%s, time:%.3f, comment:%s}", o->title, (intmax_t)o->level,
-             r->session.user, (double)(apc_clock_utc(NULL) / APC_NS_PER_MS) / 1e3, o->comment);
+             r->session.user, (double)apc_clock_utc(NULL) / APC_NS_PER_S, o->comment);
     int failed = EEXIST;
     /* Once more where somebody is first, between the look and the write. */
     for (int i = 0; i < 2 && failed == EEXIST && !r->fault.http && displays_read(ui, r, r->name, &all); i++) {
