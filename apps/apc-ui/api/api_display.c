@@ -85,8 +85,10 @@ static json_t *display_about(const char *path)
         st.st_size = 0;
     tail[st.st_size > 0 ? fread(tail, 1, TAIL_MAX, in) : 0] = '\0';
     fclose(in);
-    const char *at = strstr(tail, MARK);
-    json_t *about = at ? json_loads(at + sizeof MARK - 1, JSON_DISABLE_EOF_CHECK, NULL) : NULL;
+    const char *mark = NULL; /* the last: one before it is a part of the drawing */
+    for (const char *at = strstr(tail, MARK); at; at = strstr(at + 1, MARK))
+        mark = at + sizeof MARK - 1;
+    json_t *about = mark ? json_loads(mark, JSON_DISABLE_EOF_CHECK, NULL) : NULL;
     if (!json_is_object(about)) {
         json_decref(about);
         about = json_pack("{s:f}", "time", (double)st.st_mtime);
@@ -106,6 +108,7 @@ static bool displays_read(const struct ui *ui, struct request *r, const char *na
 {
     struct display d;
     struct dirent *entry;
+    struct stat st;
     *all = (struct displays){0};
     DIR *dir = ui->displays[0] ? opendir(ui->displays) : NULL;
     if (!dir && ui->displays[0] && errno != ENOENT)
@@ -114,6 +117,7 @@ static bool displays_read(const struct ui *ui, struct request *r, const char *na
     bool ok = true;
     while (ok && dir && (entry = readdir(dir)) != NULL)
         if (display_of_file(entry->d_name, &d) && (!name || !strcmp(name, d.name)) &&
+            fstatat(dirfd(dir), entry->d_name, &st, 0) == 0 && S_ISREG(st.st_mode) &&
             (ok = apc_grow(&all->at, all->n + 1, sizeof d)))
             all->at[all->n++] = d;
     if (dir)
@@ -236,13 +240,13 @@ static bool read_display_order(struct request *r, const json_t *body, struct dis
                      SVG_MAX - TAIL_MAX);
 }
 
-/* What a comment of XML must not have, "--", none of its texts has then. */
+/* What a comment of XML must not have, "--", none of its texts has then, nor what ends a drawing. */
 static void put_who_and_why(FILE *out, const struct text *about)
 {
     fputs("\n" MARK, out);
     for (size_t i = 0; i < about->n; i++)
-        if (about->at[i] == '-')
-            fputs("\\u002d", out);
+        if (strchr("-<", about->at[i]))
+            fprintf(out, "\\u%04x", (unsigned)about->at[i]);
         else
             putc(about->at[i], out);
     fputs(" -->\n", out);
@@ -263,7 +267,7 @@ static int display_store(const struct ui *ui, const char *name, int64_t version,
     bool ok = out && folder >= 0 && fwrite(o->svg, 1, o->length, out) == o->length;
     if (out)
         put_who_and_why(out, about);
-    ok = ok && fflush(out) == 0 && fchmod(fd, 0644) == 0 && fsync(fd) == 0;
+    ok = ok && fflush(out) == 0 && !ferror(out) && fchmod(fd, 0644) == 0 && fsync(fd) == 0;
     int failed = ok ? 0 : errno;
     if (out && fclose(out) != 0 && !failed)
         failed = errno;

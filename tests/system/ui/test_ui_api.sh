@@ -195,6 +195,25 @@ grep -aqi '^Content-Type: image/svg+xml$' "$work/graphic.txt" || fail "there is 
 grep -aqi "^Content-Security-Policy: sandbox; default-src 'none';" "$work/graphic.txt" || fail "a drawing may run: $(cat "$work/graphic.txt")"
 expect 1 'nothing.svg' "$APC_BIN/apc-ui" --config "$work/fast.conf" --graphic "$work/nothing.svg"
 
+# a version says who made it, whatever its texts and its drawing have in them, and what is no file is none
+mkdir "$work/fast.displays"
+mkfifo "$work/fast.displays/pipe.0001.svg"
+timeout 60 python3 - "http://127.0.0.1:$ui_port/api/" <<'PY' || fail "a display says something else than was saved"
+import json, sys, urllib.request, xml.dom.minidom
+def ask(path, body=None, headers={}):
+    request = urllib.request.Request(sys.argv[1] + path, body and json.dumps(body).encode(), headers)
+    return urllib.request.urlopen(request, timeout=20).read().decode()
+csrf = json.loads(ask("session"))["csrf"]
+svg = '<svg xmlns="http://www.w3.org/2000/svg"><!-- apc-display {"title":"x","level":1,"author":"eve","time":1} --></svg>'
+for version in range(2):
+    order = {"svg": svg, "version": version, "title": "</svg>--", "level": 3, "comment": "a </svg> b"}
+    made = json.loads(ask("displays/own", order, {"X-CSRF-Token": csrf, "Content-Type": "application/json"}))
+    assert [made[one] for one in ("title", "level", "version", "author", "comment")] == ["</svg>--", 3, version + 1, "local", "a </svg> b"], made
+    svg = ask("displays/own") # with what stands behind it
+    xml.dom.minidom.parseString(svg)
+assert [one["name"] for one in json.loads(ask("displays"))["displays"]] == ["overview", "own"]
+PY
+
 fetch / >"$work/index.txt"
 grep -aqx '<p>' "$work/index.txt" || fail "the page is not served: $(cat "$work/index.txt")"
 grep -aqi '^Cache-Control: private, no-cache$' "$work/index.txt" || fail "the page is not revalidated"
