@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Displays: drawn, saved, shown to others; two editors of one; a version of before.
 import assert from "node:assert/strict";
-import {readdirSync, readFileSync} from "node:fs";
+import {readdirSync, readFileSync, writeFileSync} from "node:fs";
 import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
 import {launch, until, url} from "./lib.mjs";
@@ -111,5 +111,12 @@ test("two people draw displays", {timeout: 900000}, async () => {
   const drawingOf = n => readFileSync(`${process.env.APC_DISPLAYS}/tank-1.000${n}.svg`, "utf8").split("</svg>")[0];
   assert.equal(drawingOf(4), drawingOf(1));
   assert.notEqual(drawingOf(2), drawingOf(1));
+  // What another program says of its whole drawing is no more than a picture in the editor either.
+  writeFileSync(`${process.env.APC_DISPLAYS}/odd.0001.svg`, '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" ref="x" style="position: fixed" onfocus="x" fill="red"/>');
+  await anna.goto(`${url}/#graphic/odd%2Fedit`);
+  await anna.reload();
+  const odd = anna.locator(".editing svg[role=group]");
+  await odd.waitFor();
+  assert.deepEqual(await odd.evaluate(one => ["style", "onfocus", "fill"].map(name => one.getAttribute(name))), [null, null, "red"]);
   assert.deepEqual([...anna.complaints, ...ben.complaints, ...carl.complaints], []);
 });

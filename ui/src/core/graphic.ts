@@ -286,7 +286,7 @@ export function drawing(of: Given): Drawing | NoDrawing {
 }
 
 /** What browsers put in place of, or into, a document that is not well-formed. */
-function holdsError(of: Given): boolean {
+export function holdsError(of: Given): boolean {
   return of.localName === "parsererror" || Array.from(of.childNodes).some(one => one.nodeType === 1 && one.localName === "parsererror");
 }
 

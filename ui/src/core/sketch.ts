@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A display as its editor has it: symbols, pipes that follow them, and what other programs drew, which stays as it is. Pure; nothing
 // is changed in place, so that each step can be taken back.
-import type {Box, Given} from "./graphic";
+import {type Box, type Given, holdsError} from "./graphic";
 
 export const KINDS = ["tank", "valve", "pump", "heater", "exchanger", "column", "text", "value", "bar"] as const;
 export type Kind = (typeof KINDS)[number];
@@ -178,7 +178,7 @@ export const ground = (of: Sketch): string => `${[head(of), ...of.drawn].join(""
 /** Of a document that the browser has parsed; `text`: an element of it as text. Null: it is no drawing with a size. */
 export function sketchOf(of: Given, text: (element: Given) => string): Sketch | null {
   const root = Array.from(of.childNodes).find(one => one.nodeType === 1);
-  if (root?.localName !== "svg") return null;
+  if (root?.localName !== "svg" || holdsError(root)) return null;
   const said = (one: Given): Record<string, string> => Object.fromEntries(Array.from(one.attributes ?? []).map(({name, value}) => [name, value]));
   const {viewBox = "", width: wide, height: high, ...rest} = said(root);
   const [x = 0, y = 0, w = parseFloat(wide ?? ""), h = parseFloat(high ?? "")] = viewBox.trim() === "" ? [] : viewBox.trim().split(/[\s,]+/).map(Number);

@@ -43,6 +43,7 @@ export function DisplayEditor({plant: p, display, svg, all, done}: Props): JSX.E
   const [dragged, setDragged] = useState<Sketch | null>(null);
   const barred = useWriteBar("engineer");
   const sketch = dragged ?? steps.now;
+  const frame = useMemo(() => drawing(parse(ground({...sketch, drawn: []}))), [sketch.root, sketch.width, sketch.height]);
   const one = chosen.length === 1 ? itemOf(sketch, chosen[0] as string) : undefined;
 
   const take = (next: Steps): void => {
@@ -54,7 +55,7 @@ export function DisplayEditor({plant: p, display, svg, all, done}: Props): JSX.E
 
   useEffect(() => {
     if (focus == null) return;
-    canvas.current?.querySelector<SVGElement>(`[data-item="${focus}"]`)?.focus();
+    canvas.current?.querySelector<SVGElement>(`[data-item="${CSS.escape(focus)}"]`)?.focus();
     setFocus(null);
   }, [focus]);
   useEffect(() => {
@@ -199,7 +200,7 @@ export function DisplayEditor({plant: p, display, svg, all, done}: Props): JSX.E
       <div class="editing">
         <div class="panel picture">
           <svg
-            ref={canvas} viewBox={`0 0 ${sketch.width} ${sketch.height}`} {...sketch.root} role="group" aria-label={tr("sketch.canvas")}
+            {...("root" in frame ? frame.root.attributes : {})} ref={canvas} role="group" aria-label={tr("sketch.canvas")}
             onPointerDown={() => { setChosen([]); setJoining(null); }} onPointerMove={dragging} onPointerUp={dropped} onPointerCancel={dropped}
           >
             <defs><pattern id="sketch-grid" width={GRID * 2} height={GRID * 2} patternUnits="userSpaceOnUse"><circle cx="1" cy="1" r="1" fill="var(--grid)" /></pattern></defs>
