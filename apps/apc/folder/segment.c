@@ -128,8 +128,11 @@ int segment_rename(struct segment *s, int number, const char *dir, struct apc_er
         return apc_fail(why, APC_EINVAL, "%s: its name is too long", was.uri);
     name_files(s, s->uri);
     unlink(s->folder);
-    if (!realpath(dir, here) || symlink(here, s->folder) < 0 || rename(was.path, s->path) < 0)
-        return apc_fail(why, APC_ESYS, "%s: cannot be renamed to %s: %s", was.path, s->path, strerror(errno));
+    if (!realpath(dir, here) || symlink(here, s->folder) < 0 || rename(was.path, s->path) < 0) {
+        apc_fail(why, APC_ESYS, "%s: cannot be renamed to %s: %s", was.path, s->path, strerror(errno));
+        *s = was;
+        return APC_ESYS;
+    }
     unlink(was.folder);
     return 0;
 }

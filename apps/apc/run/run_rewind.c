@@ -20,6 +20,12 @@
 #define REWOUND "APC_REWOUND" /* from the process to itself: "SOCKET PAGE NOTIFY FOLDER STORE GRAPHIC" */
 #define MOST    10000         /* that often a run is rewound */
 
+/* To the next life of this process, and not to others that it starts. */
+static int keep_open(int fd, bool keep)
+{
+    return fd > 0 ? fcntl(fd, F_SETFD, keep ? 0 : FD_CLOEXEC) : 0;
+}
+
 void run_take_over(struct run *r)
 {
     const char *text = getenv(REWOUND);
@@ -31,6 +37,8 @@ void run_take_over(struct run *r)
         end > 0)
         snprintf(r->graphic, sizeof r->graphic, "%s", text + end);
     unsetenv(REWOUND);
+    keep_open(r->listener, false);
+    keep_open(s->notify, false);
     while (waitpid(0, NULL, WNOHANG) > 0) /* what has been finished of those set aside before */
         ;
 }
@@ -39,11 +47,6 @@ void run_await_aside(void)
 {
     while (waitpid(0, NULL, 0) > 0 || errno == EINTR)
         ;
-}
-
-static int keep_open(int fd)
-{
-    return fd > 0 ? fcntl(fd, F_SETFD, 0) : 0;
 }
 
 static int hand_over_run(const struct run *r)
@@ -56,7 +59,8 @@ static int hand_over_run(const struct run *r)
     unsetenv("APC_STORE"); /* which were for the page */
     unsetenv("APC_SPOOL");
     unsetenv("APC_HISTORY");
-    return setenv(REWOUND, text, 1) < 0 || keep_open(page ? r->listener : 0) < 0 || keep_open(s->notify) < 0
+    return setenv(REWOUND, text, 1) < 0 || keep_open(page ? r->listener : 0, true) < 0 ||
+                   keep_open(s->notify, true) < 0
                ? -1
                : 0;
 }
@@ -67,11 +71,12 @@ static int set_aside(const struct run *r, char *aside, size_t size)
     size_t n = strlen(r->dir);
     while (n > 1 && r->dir[n - 1] == '/')
         n--;
-    int i = 1;
-    do
-        snprintf(aside, size, "%.*s.%d", (int)n, r->dir, i);
-    while (access(aside, F_OK) == 0 && i++ < MOST);
-    if (rename(r->dir, aside) == 0)
+    int i = 1, length;
+    while ((length = snprintf(aside, size, "%.*s.%d", (int)n, r->dir, i)) < (int)size &&
+           access(aside, F_OK) == 0 && i < MOST)
+        i++;
+    errno = ENAMETOOLONG;
+    if (length < (int)size && rename(r->dir, aside) == 0)
         return i;
     cli_error(&r->cli, APC_ESYS, "%s: cannot be renamed to %s: %s; the run ends here", r->dir, aside,
               strerror(errno));
@@ -127,11 +132,12 @@ int run_rewind(struct run *r)
     struct run was = *r;
     char aside[sizeof r->dir];
     const int number = set_aside(r, aside, sizeof aside);
-    int rc = number < 0 ? number : name_aside(&was, number, aside);
-    if (rc == 0)
-        rc = run_finish(&was);
-    if (rc == 0)
+    const int named = number < 0 ? number : name_aside(&was, number, aside);
+    if (named < 0) /* it ends as any other */
+        was.rewind = 0;
+    const int finished = run_finish(&was);
+    if (named == 0 && finished == 0)
         go_on_rewound(r, aside, simulation_nearest_tick(&r->e, r->rewind - SIMULATION_BEGIN));
     supervisor_stop(&r->daemons, NULL);
-    return rc < 0 ? rc : APC_ESYS;
+    return named < 0 ? named : finished < 0 ? finished : APC_ESYS;
 }

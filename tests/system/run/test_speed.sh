@@ -181,6 +181,25 @@ expect 1 'written.csv' "$apc" simulate "$work/torn"
 #   as it was until then is kept as a run folder.
 # back_to SECONDS
 back_to() { expect 0 '' "$apc" speed --store "$store" rewind "$1"; }
+# A name to which no number fits: the run ends there, and is what it is at any end.
+begin long --out "$work/$(printf 'n%.0s' {1..254})"
+page=$(sed -n 's/^page: *//p' "$work/long.log")
+until_true 60 curl -fsS -o "$work/state.json" "${page}api/state"
+csrf=$(curl -fsS "${page}api/session" | sed -n 's/.*"csrf":"\([^"]*\)".*/\1/p')
+speed step 12
+until_true 20 made
+told ' 200' '{"rewind":946684801}'
+wait $pid && fail "it went back"
+grep -q 'cannot be renamed.*File name too long; the run ends here' "$work/long.log" || fail "it does not say why: $(cat "$work/long.log")"
+expect 0 '' "$apc" replay "$work"/nnn*
+expect 0 'IAE' "$apc" report "$work"/nnn*
+# closed PID: programs that it starts get no socket of it
+closed() {
+  local fd
+  for fd in "/proc/$1/fd/"*; do
+    [[ $(readlink "$fd") != socket:* ]] || (($(awk '/^flags/ { print $2 }' "/proc/$1/fdinfo/${fd##*/}") & 02000000)) || fail "a socket is handed on"
+  done
+}
 begin back
 speed step 12
 expect 0 '' "$apc" set --store "$store" r 12
@@ -192,6 +211,7 @@ expect 4 'the plant is at 32 s: expected a time before' "$apc" speed --store "$s
 expect 2 'must be seconds since the start' "$apc" speed --store "$store" rewind
 expect 2 'must be seconds since the start' "$apc" speed --store "$store" rewind ten
 back_to 11.31
+closed $pid
 expect 0 '"t":946684811.4[0-9]*,"asked":0,"reached":0,"steps":0' speed --json
 expect 0 ' 12 ' "$apc" get --store "$store" r
 expect 0 '' "$apc" set --store "$store" r 15
