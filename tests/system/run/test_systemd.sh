@@ -57,6 +57,8 @@ for unit in *@.service; do
   done
   [ "$(grep -cE '^(LimitRTPRIO|RestrictRealtime)=' "$unit")" = 1 ] || fail "$unit may and may not be scheduled in real time"
 done
+# Of what is beside its experiment file a daemon can write nothing.
+grep -q '^ExecStart=.* --displays /var/lib/apc/%i/' apc-ui@.service && grep -q '^StateDirectory=apc/%i$' apc-ui@.service || fail "nobody can save a display"
 grep -vE '^(Protect|Private|Restrict[A-Z]|SystemCall|Capability|User)' apc-ui@.service >apc-bad@.service
 [ "$((10#$(exposed apc-bad@.service)))" -gt 50 ] || fail "a unit that may all is taken"
 
