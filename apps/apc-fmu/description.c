@@ -28,9 +28,10 @@ struct declared { /* a type by its name */
 /* A number that may be a state, or the derivative of one. */
 struct quantity {
     struct variable variable;
-    size_t index;               /* from 1, as version 2 counts */
-    size_t of;                  /* that it is the derivative of: an index in version 2, else a reference */
-    bool has_of, is_derivative; /* the latter as the structure of the model says */
+    size_t index; /* from 1, as version 2 counts */
+    size_t of;    /* that it is the derivative of: an index in version 2, else a reference */
+    bool has_of;
+    size_t rank; /* among the derivatives, from 1, as the structure of the model says; 0: it is none */
 };
 
 struct reader {
@@ -306,7 +307,8 @@ static void note_derivative(struct reader *r, const char *text)
     r->n_derivatives++;
     for (size_t i = 0; text && r->n_derivatives <= STATES_MAX && i < r->n_quantities; i++) {
         struct quantity *const q = &r->quantity[i];
-        q->is_derivative |= q->has_of && at == (r->d->version == 2 ? q->index : q->variable.reference);
+        if (q->has_of && at == (r->d->version == 2 ? q->index : q->variable.reference))
+            q->rank = r->n_derivatives;
     }
 }
 
@@ -428,7 +430,8 @@ static void doctype(void *ctx, const char *name, const char *system, const char 
 
 /* ---- States ---------------------------------------------------------------------------------- */
 
-/* All of them with their derivatives, or none. */
+/* All of them with their derivatives, or none; in the order of the structure, which is that of the functions of
+ * FMI for all states at once. */
 static void find_states(struct reader *r)
 {
     struct description *const d = r->d;
@@ -437,11 +440,14 @@ static void find_states(struct reader *r)
 
     d->of[KIND_STATE] = room(wanted, sizeof(struct variable));
     d->derivative = room(wanted, sizeof(struct variable));
-    for (size_t i = 0; i < r->n_quantities && n < wanted; i++) {
-        const struct quantity *const q = &r->quantity[i], *state = NULL;
-        for (size_t j = 0; q->is_derivative && j < r->n_quantities; j++)
-            if (q->of == (d->version == 2 ? r->quantity[j].index : r->quantity[j].variable.reference))
-                state = &r->quantity[j];
+    for (size_t rank = 1; rank <= wanted; rank++) {
+        const struct quantity *q = NULL, *state = NULL;
+        for (size_t i = 0; i < r->n_quantities; i++)
+            if (r->quantity[i].rank == rank)
+                q = &r->quantity[i];
+        for (size_t i = 0; q && i < r->n_quantities; i++)
+            if (q->of == (d->version == 2 ? r->quantity[i].index : r->quantity[i].variable.reference))
+                state = &r->quantity[i];
         if (!state)
             continue;
         d->of[KIND_STATE][n] = copy_fmu_variable(&state->variable);

@@ -477,11 +477,12 @@ static int look(struct runner *r, enum fmu_request request, const double *x, con
     int rc = 0;
 
     pthread_mutex_lock(&r->own.lock);
-    if (r->spent)
+    if (r->spent && !r->own.starting) { /* else they are the thread's */
         apc_subprocess_bury(&r->own, false);
-    r->spent = false;
+        r->spent = false;
+    }
     r->patience = look_until ? look_until - apc_clock_mono(NULL) : 0;
-    if (r->patience < 0)
+    if (look_until && r->patience <= 0)
         rc = apc_fail(&cause, APC_ESOLVER, "%s: there is no time left to ask it", r->fmu->file);
     else if (r->own.socket < 0 && !look_until && !r->hung) /* it erred, and may answer another question */
         rc = set_out(r, &cause);

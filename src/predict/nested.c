@@ -101,6 +101,11 @@ void apc_nested_output(struct apc_nested *n, const double *x, const double *u, d
     apc_reduced_g(&n->reduced, x, n->u, y);
 }
 
+const char *apc_nested_error(const struct apc_nested *n)
+{
+    return apc_reduced_error(&n->reduced);
+}
+
 int apc_nested_linearise(const struct apc_nested *n, const struct apc_linear_continuous *from, double *A,
                          double *B, double *C, double *x0, double *u0, struct apc_error *why)
 {

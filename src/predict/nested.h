@@ -26,6 +26,7 @@ size_t apc_nested_states(const struct apc_nested *nested);
 /* As f and g of a model. One at a time. [tick] */
 int apc_nested_slope(struct apc_nested *nested, const double *x, const double *u, double *dx);
 void apc_nested_output(struct apc_nested *nested, const double *x, const double *u, double *y);
+const char *apc_nested_error(const struct apc_nested *nested); /* as apc_reduced_error() [tick] */
 /*
  * From the model, linear at a steady state x0 [nx], u0 [nu + nd], y0 [ny] by A [nx * nx], B [nx * (nu + nd)],
  * C [ny * nx], D [ny * (nu + nd)], the same of it with its loops: A, B, C, x0, u0 of its own sizes; D is the

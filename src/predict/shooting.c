@@ -218,7 +218,7 @@ int apc_shooting_advance(struct apc_shooting *s, double *x, const double *u, con
 
 const char *apc_shooting_error(const struct apc_shooting *s)
 {
-    return apc_reduced_error(&s->reduced);
+    return s->nested ? apc_nested_error(s->nested) : apc_reduced_error(&s->reduced);
 }
 
 /* ---- Derivatives -------------------------------------------------------------------------------- */

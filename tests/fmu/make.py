@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pack the library of tank.c, ball.c or reactor.c as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
-   model=ball|reactor, inputs=none (of the ball), indicators=N (of the latter two), derivatives=true (directional ones are offered),
-   names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
+   model=ball|reactor, inputs=none, indicators=N (of the latter two), derivatives=true (directional ones are offered),
+   names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck|many (what it says of them; the last of the reactor, version 3),
    kinds=all (parameters of each kind), input=TYPE (of u, of its own limits where it is typed),
    starts=none (of parameters, inputs and states), starts=inf (of K),
    token=TEXT, fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
@@ -10,6 +10,7 @@ import sys
 import zipfile
 
 version, library, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+MANY = 150  # as reactor.c has
 how = dict(one.split("=", 1) for one in sys.argv[4:])
 kind = how.get("kind", "CoSimulation")
 model = how.get("model", "tank")
@@ -33,10 +34,14 @@ elif model == "reactor":
     of = {name: 1 + i if version == 2 else i for i, name in enumerate(("cA", "cB", "T"))}
     about = [("cA", 0, "local", "mol/L", 0.51509, ' min="0" max="1e3"'), ("cB", 1, "local", "mol/L", 0.63017, ' min="0" max="1e3"'),
              ("T", 2, "output", "degC", 38.6155, ' min="-273.15" max="1e4"')]
-    about += [(f"der({name})", 3 + i, "local", "", None, f' derivative="{of[name]}"') for i, name in enumerate(of)]
+    about += [(f"der({name})", 3 + i, "local", "", None, f' derivative="{of[name]}"') for i, name in reversed([*enumerate(of)])]
     about += [("F", 6, "input", "mL/min", 500.0, ' min="0" max="1000"'), ("cAin", 7, "input", "mol/L", 0.8, ' min="0" max="10"'),
               ("cBin", 8, "input", "mol/L", 1.2, ' min="0" max="10"'), ("Tin", 9, "input", "degC", 0.5, ' min="-50" max="100"'), ("ln_k0", 11, "parameter", "", 24.6, ""), ("E", 12, "parameter", "K", 8500.0, ""),
               ("beta", 13, "parameter", "K L/mol", 133.779, ""), ("V", 14, "parameter", "L", 0.105, ""), ("trick", 15, "parameter", None, 0, "")]
+    if how.get("states") == "many":
+        for i in range(MANY):
+            about += [(f"x{i}", 16 + i, "local", "", 0.0, ""), (f"der(x{i})", 16 + MANY + i, "local", "", None, f' derivative="{16 + i}"')]
+    about = [one for one in about if one[2] != "input" or how.get("inputs") != "none"]
 if how.get("starts") == "none":
     about = [(*one[:4], None, one[5]) for one in about]
 elif how.get("starts") == "inf":
@@ -44,7 +49,7 @@ elif how.get("starts") == "inf":
 if how.get("names") == "structured":
     names = {"u": "valve[1].u", "d": "'a=b'.d", "y": "tank.'level, h'", "K": "tank.K", "tau": "tank.x[1,2]", "trick": "'it\\'s = &quot;'"}
     about = [(names[one[0]], *one[1:]) for one in about]
-states = how.get("states")
+states = how.get("states") if model == "tank" else None
 structure = ""
 if states:
     at = 8 if states == "stuck" else 2
@@ -58,8 +63,8 @@ if model == "ball":
     structure = '<Derivatives><Unknown index="3"/><Unknown index="4"/></Derivatives>' if version == 2 else \
         "".join(f'<ContinuousStateDerivative valueReference="{i}"/>' for i in (2, 3)) + '<EventIndicator valueReference="0"/>'
 elif model == "reactor":
-    structure = "<Derivatives>" + "".join(f'<Unknown index="{i}"/>' for i in (4, 5, 6)) + "</Derivatives>" if version == 2 else \
-        "".join(f'<ContinuousStateDerivative valueReference="{i}"/>' for i in (3, 4, 5))
+    structure = "<Derivatives>" + "".join(f'<Unknown index="{i}"/>' for i in (6, 5, 4)) + "</Derivatives>" if version == 2 else \
+        "".join(f'<ContinuousStateDerivative valueReference="{one[1]}"/>' for one in sorted(about, key=lambda one: one[1]) if one[0].startswith("der("))
     if version == 3 and "indicators" in how:
         structure += '<EventIndicator valueReference="0"/>'
 

@@ -15,8 +15,9 @@
 
 #define EXPORT __attribute__((visibility("default")))
 
-/* Value references: states, derivatives, inputs, output, parameters, trick. */
-enum { X = 0, DX = 3, U = 6, Y = 10, P = 11, TRICK = 15, N = 16 };
+/* Value references: states, derivatives, inputs, output, parameters, trick; states that only die away, which a
+ * description may have as well, and their derivatives. */
+enum { X = 0, DX = 3, U = 6, Y = 10, P = 11, TRICK = 15, MORE = 16, MANY = 150, N = MORE + 2 * MANY };
 enum { NOT_A_NUMBER = 1, FAILS, HANGS, DERIVES_NOT, NAMES_A_TIME, EXITS };
 
 static double v[N];
@@ -66,6 +67,8 @@ static int move(const uint32_t *reference, size_t n, double *value, const double
             status = follow();
         else if (reference[i] == Y)
             v[Y] = v[X + 2];
+        else if (reference[i] >= MORE + MANY)
+            v[reference[i]] = -v[reference[i] - MANY];
         if (!from)
             value[i] = v[reference[i]];
     }

@@ -67,22 +67,24 @@ cmp "$work/own3.csv" "$work/again.csv" || fail "not the same run twice"
 # one for co-simulation that shows its states, as the model of a tank
 cc -std=c11 -D_GNU_SOURCE -O1 -shared -fPIC -DFMI=3 -o "$work/tank.so" "$APC_SOURCE_DIR/tests/fmu/tank.c" -lm
 python3 "$APC_SOURCE_DIR/tests/fmu/make.py" 3 "$work/tank.so" "$work/tank.fmu" states=slope
-tank() {
+tank() { # MODEL [REST-OF-PLANT] [SETTINGS] [DURATION]
   cat <<CONF
-name = "tank"; duration = 40.0;
+name = "tank"; duration = ${4:-40}.0;
 measurements = ( { name = "y"; noise = 0.01; } ); setpoints = ( { name = "r"; low = -100.0; high = 100.0; } );
 outputs = ( { name = "u"; low = -10.0; high = 10.0; } ); plant = { model = "$1"; period = 0.1; ${2:-} }; client = { period = 0.1; };
 controller = { law = "nmpc"; period = 1.0; operating_point = { u = [1.0]; }; tuning = ( { move_suppression = 0.5; } );
-               settings = { horizon = 20; delay = 0.3; u_scale = [1.0]; y_scale = [1.0]; }; };
+               settings = { horizon = 20; delay = 0.3; u_scale = [1.0]; y_scale = [1.0]; ${3:-} }; };
 scheduler = { period = 30.0; sequence = ( [5.0], [10.0] ); };
 CONF
 }
 # Promise(links/fmu-predicts)
-tank tank.fmu >"$work/tank.conf"
-tank first-order 'integrator = "exact"; parameters = { K = 10.0; tau = 10.0; };' >"$work/first.conf"
-for name in tank first; do "$apc" simulate "$work/$name.conf" --force --csv "$work/$name.csv" >/dev/null; done
-paste -d, "$work/first.csv" "$work/tank.csv" | awk -F, '
-  NR > 1 { d = $5 - $10; if (!(d * d <= 1e-14)) { print; exit 1 } } END { exit NR < 400 }' || fail "not the run of the tank that is built in"
+for lower in '' 'lower = ( [1.0, 0.2, 5.0] );'; do
+  tank tank.fmu '' "$lower" ${lower:+8} >"$work/tank.conf"
+  tank first-order 'integrator = "exact"; parameters = { K = 10.0; tau = 10.0; };' "$lower" ${lower:+8} >"$work/first.conf"
+  for name in tank first; do "$apc" simulate "$work/$name.conf" --force --csv "$work/$name.csv" >/dev/null; done
+  paste -d, "$work/first.csv" "$work/tank.csv" | awk -F, '
+    NR > 1 { d = $5 - $10; if (!(d * d <= 1e-14)) { print; exit 1 } } END { exit NR < 90 }' || fail "not the run of the tank that is built in"
+done
 
 # ---- what it cannot be
 # Promise(links/fmu-predicts-not): An FMU with events, without states that it shows, without inputs, or whose derivatives
@@ -102,16 +104,23 @@ for version in 2 3; do
   # "inputs" that are more than it has are named
   refused 'has no input "valve"; there are: F, cAin' own$version 'inputs = ["valve"];'
 done
+reactor 3 many states=many
+of "$work/many.fmu" | sed '/x_noise/d; s/; x = [^;]*;/;/' >"$work/many.conf"
+expect 1 'law nmpc: .*its 153 states are too many for a linear model at each point' "$apc" simulate "$work/many.conf"
+reactor 3 idle inputs=none
+of "$work/idle.fmu" | sed '/name = "Tin"/d; /at_input/d; /d_noise/d' >"$work/idle.conf"
+expect 1 'law nmpc: .*it has no inputs, so nothing could be controlled by it' "$apc" simulate "$work/idle.conf"
 python3 "$APC_SOURCE_DIR/tests/fmu/make.py" 3 "$work/tank.so" "$work/hides.fmu"
 tank hides.fmu >"$work/hides.conf"
 expect 1 'does not show its states and their derivatives.*apc test, apc identify' "$apc" simulate "$work/hides.conf"
 # what fails as soon as it is looked ahead at: outputs are held, and why is said
-ticks() { # TRICK SAYS
-  of own3.fmu "parameters = { trick = $1; };" | sed 's|^duration.*|duration = 5.0;|' >"$work/ticks.conf"
+ticks() { # TRICK SAYS [EDIT]
+  of own3.fmu "parameters = { trick = $1; };" | sed "s|^duration.*|duration = 5.0;|; ${3:-}" >"$work/ticks.conf"
   expect 0 "output held: law nmpc: no plan: $2" env APC_FMU_TIMEOUT=1 "$apc" simulate "$work/ticks.conf" --force
 }
 ticks 1 'its (prediction|derivative of cA) is not a finite number'
 ticks 2 'the reactor has burst.its derivatives: error'
+ticks 2 'the reactor has burst.its derivatives: error' 's|steps = 4;|& lower = ( [1.0, 1.0, 30.0] );|; s|at_input = .*|at_input = [1];|'
 ticks 3 'did not answer and was killed'
 ticks 4 'GetDirectionalDerivative: error'
 ticks 6 'its process ended, exit code 7'
@@ -124,10 +133,14 @@ background run "$apc" run "$work/hangs.conf" --no-ui --duration 0 --out "$work/r
 log=$work/run/apc-controller.log
 held() { grep -Eq 'output (held|at its fault value): law nmpc: no plan: (has not answered|there is no time|did not answer)' "$log" 2>/dev/null; }
 runner() { pgrep -f "apc-fmu run $TMPDIR" | sort | tr '\n' ' '; }
-until_true 60 held
+ended() { ! kill -0 "$pid" 2>/dev/null; }
+either() { "$1" || ended; }
+until_true 60 either held
+held || fail "the run ended: $(tail -n 3 "$work/run.log")"
 first=$(runner)
 another() { [ "$(runner)" != "$first" ]; }
-until_true 60 another
+until_true 60 either another
+ended && fail "the run ended: $(tail -n 3 "$work/run.log")"
 kill -INT "$pid"
 wait "$pid" || true # it was not controlled
 [ "$(grep -c 'running every' "$log")" = 1 ] || fail "the controller was taken along"
