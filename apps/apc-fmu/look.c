@@ -152,28 +152,41 @@ static bool ask_slopes(const struct run *r, double *J)
     return true;
 }
 
-/* Central differences of fourth order, as of a model that is built in. */
+/* Central differences of fourth order, as of a model that is built in; at a limit, beyond which a model may refuse to
+ * go or stay as it is, of third order and inwards. */
 static bool differ(const struct run *r, const double *x, const double *u, double *J)
 {
-    static const double offset[POINTS] = {1.0, -1.0, 2.0, -2.0};
+    static const double offset[2][POINTS] = {{1.0, -1.0, 2.0, -2.0}, {0.0, 1.0, 2.0, 3.0}},
+                        weight[2][POINTS] = {{8.0, -8.0, -1.0, 1.0}, {-22.0, 36.0, -18.0, 4.0}};
     const size_t nx = r->d.n[KIND_STATE], rows = nx + r->ny, n = nx + r->nu;
     double *const w = r->look->moved, *const f = r->look->point;
 
     memcpy(w, x, nx * sizeof *w);
     memcpy(w + nx, u, r->nu * sizeof *w);
     for (size_t j = 0; j < n; j++) {
+        const struct variable *const v = j < nx ? &r->d.of[KIND_STATE][j] : r->u[j - nx];
         const double own = w[j];
         volatile double ahead = own + 1e-4 * fmax(fabs(own), 1e-2);
-        const double h = ahead - own;
+        double h = ahead - own;
+        const bool below = own - 2.0 * h < v->low;
+        const bool above = own + 2.0 * h > v->high;
+        const bool inwards = below != above;
 
+        if (above && inwards)
+            h = -h;
         for (size_t k = 0; k < POINTS; k++) {
-            w[j] = own + offset[k] * h;
+            w[j] = own + offset[inwards][k] * h;
             if (!look_point(r, w, w + nx, f + k * rows))
                 return false;
         }
         w[j] = own;
-        for (size_t i = 0; i < rows; i++)
-            J[i * n + j] = (8.0 * (f[i] - f[rows + i]) - (f[2 * rows + i] - f[3 * rows + i])) / (12.0 * h);
+        for (size_t i = 0; i < rows; i++) {
+            double sum = 0.0;
+
+            for (size_t k = 0; k < POINTS; k++)
+                sum += weight[inwards][k] * f[k * rows + i];
+            J[i * n + j] = sum / (12.0 * h);
+        }
     }
     return true;
 }

@@ -3,7 +3,7 @@
  * The adiabatic reactor that is built in, as an FMU for model exchange, of version 2 or 3 (-DFMI). Where it is only looked
  * ahead at, which it knows by the time that nobody sets, a derivative is NaN at the value 1 of its parameter `trick`, at
  * 2 the call fails, at 3 it hangs, at 6 the process ends. At 4 directional derivatives fail, at 5 it names a time of
- * an event.
+ * an event. At 7 it takes no feed beyond its limits.
  */
 #include "../../src/plant/adiabatic_cstr.c"
 
@@ -18,7 +18,7 @@
 /* Value references: states, derivatives, inputs, output, parameters, trick; states that only die away, which a
  * description may have as well, and their derivatives. */
 enum { X = 0, DX = 3, U = 6, Y = 10, P = 11, TRICK = 15, MORE = 16, MANY = 150, N = MORE + 2 * MANY };
-enum { NOT_A_NUMBER = 1, FAILS, HANGS, DERIVES_NOT, NAMES_A_TIME, EXITS };
+enum { NOT_A_NUMBER = 1, FAILS, HANGS, DERIVES_NOT, NAMES_A_TIME, EXITS, REFUSES };
 
 static double v[N];
 static bool begun, timed;
@@ -60,6 +60,8 @@ static int move(const uint32_t *reference, size_t n, double *value, const double
 
     for (size_t i = 0; i < n; i++) {
         if (reference[i] >= N)
+            return 3;
+        if (from && v[TRICK] == REFUSES && reference[i] == U && !(from[i] >= 0.0 && from[i] <= 1000.0))
             return 3;
         if (from)
             v[reference[i]] = from[i];

@@ -86,6 +86,12 @@ for lower in '' 'lower = ( [1.0, 0.2, 5.0] );'; do
     NR > 1 { d = $5 - $10; if (!(d * d <= 1e-14)) { print; exit 1 } } END { exit NR < 90 }' || fail "not the run of the tank that is built in"
 done
 
+# one that takes no input beyond its limits, held at such a limit
+of differs3.fmu 'parameters = { trick = 7; };' '[20.0]' | sed 's|^duration.*|duration = 5.0;|' >"$work/limit.conf"
+"$apc" simulate "$work/limit.conf" --force --csv "$work/limit.csv" >"$work/limit.log" 2>&1
+grep 'no plan' "$work/limit.log" && fail "differences go beyond the limit of an input"
+grep -q 'actuator.*,1000$' "$work/limit.csv" || fail "not at the limit"
+
 # ---- what it cannot be
 # Promise(links/fmu-predicts-not): An FMU with events, without states that it shows, without inputs, or whose derivatives
 #   fail is no model to predict with: a sentence says so and what to do, before anything runs or at the tick.
