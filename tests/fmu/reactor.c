@@ -48,7 +48,7 @@ static int follow(void)
     while (ahead && v[TRICK] == HANGS)
         pause();
     if (ahead && v[TRICK] == EXITS)
-        exit(7);
+        _exit(7);
     if (ahead && v[TRICK] == FAILS)
         fputs("the reactor has burst\n", stderr);
     return ahead && v[TRICK] == FAILS ? 3 : 0;
