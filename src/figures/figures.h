@@ -151,7 +151,7 @@ struct kpis_loop {
     double low, high;             /* its output stood at that limit */
     double mode[APC_MODE_LO + 1]; /* by actual mode, while its controller ticked, or had it out of service */
     double stopped;               /* it did not */
-    double iae;                   /* integral of |setpoint - measurement|, while both were known */
+    double iae;           /* integral of |setpoint - measurement|, while both were known; NAN: never */
     double with, without; /* standard deviation of measurement less setpoint, in service and out of it */
     double benefit;       /* 1 - with / without: by how much the loop is quieter in service */
     struct health health; /* verdict 0: nobody asked */

@@ -55,7 +55,7 @@ struct watch {
     apc_ns hold;                                         /* how long a measurement stands for what is */
     apc_ns known_until;                                  /* of the newest one */
     double service, at[2], in[APC_MODE_LO + 1], stopped; /* s */
-    double iae;
+    double iae;                                          /* NAN: never known */
     struct spread with, without;
     double measurement;      /* NAN: none yet */
     struct stretch *stretch; /* NULL: health is not asked for */
@@ -89,7 +89,8 @@ static void count_until(struct watch *w, apc_ns to)
     count_mode(w, from, stale, end);
     const apc_ns known = w->known_until < end ? w->known_until : end;
     if (known > from && !isnan(w->setpoint) && !isnan(w->measurement))
-        w->iae += fabs(w->setpoint - w->measurement) * apc_ns_to_s(known - from);
+        w->iae =
+            (isnan(w->iae) ? 0 : w->iae) + fabs(w->setpoint - w->measurement) * apc_ns_to_s(known - from);
     if (to > w->t)
         w->t = to;
 }
@@ -196,6 +197,7 @@ static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t 
                       .period = period,
                       .patience = row_patience(period),
                       .hold = row_patience(measurement_period(s, loop)),
+                      .iae = none,
                       .setpoint = none,
                       .measurement = none,
                       .stretch = s->horizon ? &stretch : NULL};

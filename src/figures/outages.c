@@ -102,8 +102,8 @@ static void join_outages(struct outages *o)
         const struct outage next = o->at[i];
         size_t k = n;
         while (k > 0 && close_to(o->at[k - 1].from, next.from) &&
-               (o->at[k - 1].table != next.table || o->at[k - 1].status != next.status ||
-                !close_to(o->at[k - 1].until, next.until)))
+               (o->at[k - 1].until <= next.from || o->at[k - 1].table != next.table ||
+                o->at[k - 1].status != next.status || !close_to(o->at[k - 1].until, next.until)))
             k--;
         if (k > 0 && close_to(o->at[k - 1].from, next.from))
             o->at[k - 1].n++;
@@ -134,8 +134,8 @@ int outages_of_store(struct outages *o, struct apc_store *store, apc_ns from, ap
         rc = walk_variable(o, store, i, from, until);
     if (o->n > 0)
         qsort(o->at, o->n, sizeof *o->at, by_begin);
-    join_outages(o);
     o->down = count_down(o);
+    join_outages(o);
     return rc < 0 ? rc : 0;
 }
 

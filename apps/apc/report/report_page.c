@@ -185,7 +185,10 @@ static int put_loops(const struct page *p)
             else
                 print_number(&table, 3, 100 * share[i]);
         print_number(&table, 4, l->with);
-        print_cell(&table, PRINT_PLAIN, "%.*f", l->iae < 10 ? 3 : l->iae < 1000 ? 1 : 0, l->iae);
+        if (isnan(l->iae))
+            print_number(&table, 3, l->iae);
+        else
+            print_cell(&table, PRINT_PLAIN, "%.*f", l->iae < 10 ? 3 : l->iae < 1000 ? 1 : 0, l->iae);
     }
     const int rc = page_table(p->out, &table);
     fputs("<p>IAE: integral of the absolute deviation, in s times the unit of the measurement. Trends: the "

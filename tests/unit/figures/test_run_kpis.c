@@ -123,6 +123,7 @@ static void time_in_service_is_that_of_the_laws_own_answers(void **state)
     make(35, 45); /* what was before the window still holds in it */
     assert_near(m.loop[0].service, 0.5, 1e-9);
     make(0, 10);
+    assert_true(isnan(m.loop[0].iae)); /* nothing was measured */
     assert_near(m.loop[0].service, 0.0, 0.0);
     make(98, 100);
     assert_near(m.loop[0].service, 0.0, 0.0);
@@ -262,10 +263,12 @@ static void outages_are_what_the_record_lacks(void **state)
         {.table = APC_SENSOR, .id = 3, .name = "never", .period = 1},
         {.table = APC_SENSOR, .id = 4, .name = "seldom"},
         {.table = APC_ACTUATOR, .id = 1, .name = "u", .period = 2},
+        {.table = APC_SENSOR, .id = 5, .name = "fast", .period = 0.1},
+        {.table = APC_SENSOR, .id = 6, .name = "faster", .period = 0.1},
     };
     static const struct outage expected[] = {{119 * S, 130 * S, APC_SENSOR, APC_GOOD, 0, 2},
                                              {150 * S, 155 * S, APC_SENSOR, APC_BAD, 0, 1},
-                                             {160 * S, 200 * S, APC_ACTUATOR, APC_GOOD, 4, 1}};
+                                             {160 * S, 200 * S, APC_ACTUATOR, APC_GOOD, 6, 1}};
     struct outages o;
     (void)state;
     assert_int_equal(apc_store_put_tags(published, of, sizeof of / sizeof *of), sizeof of / sizeof *of);
@@ -286,6 +289,22 @@ static void outages_are_what_the_record_lacks(void **state)
     assert_int_equal(outages_of_store(&o, published, 125 * S, 152 * S), 0);
     assert_int_equal(o.n, 2);
     assert_true(o.at[0].from == 125 * S && o.at[1].until == 152 * S && o.down == 7 * S);
+    outages_free(&o);
+    /* twice within a second is two, and the other one's time counts whole */
+    for (int id = 5; id <= 6; id++)
+        for (int i = 0; i < 10; i++) {
+            const bool bad = id == 5 ? i == 2 || i == 6 : i >= 2 && i < 9;
+            const struct apc_sample s = {.table = APC_SENSOR,
+                                         .id = id,
+                                         .seq = i + 1,
+                                         .time = 10 * S + i * (S / 10),
+                                         .status = bad ? APC_BAD : APC_GOOD};
+            assert_int_equal(apc_store_append(published, &s, 1), 1);
+        }
+    assert_int_equal(outages_of_store(&o, published, 10 * S, 11 * S), 0);
+    assert_int_equal(o.n, 2);
+    assert_true(o.at[0].n == 2 && o.at[1].n == 1 && o.at[1].from == 10 * S + 6 * (S / 10));
+    assert_true(o.down == 7 * (S / 10));
     outages_free(&o);
 }
 
