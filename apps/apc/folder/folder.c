@@ -451,7 +451,7 @@ int folder_spare(const char *path, bool force, struct apc_error *why)
 int folder_replace(const char *part, const char *path, struct apc_error *why)
 {
     struct stat at;
-    const bool other = stat(path, &at) == 0 && !S_ISREG(at.st_mode);
+    const bool other = lstat(path, &at) == 0 && !S_ISREG(at.st_mode);
     if (!other && rename(part, path) == 0)
         return 0;
     const int rc =

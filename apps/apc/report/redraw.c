@@ -139,8 +139,11 @@ static int take_day(const struct cli *cli, const char *day, apc_ns *from, apc_ns
     t.tm_mday -= yesterday;
     if (!yesterday && strcmp(day, "today") != 0) {
         const char *end = strptime(day, "%Y-%m-%d", &t);
-        if (!end || *end)
-            return cli_usage(cli, "--day \"%s\": must be a day, as 2026-01-31, today or yesterday", day);
+        if (!end || *end || t.tm_year < 70 || t.tm_year >= 360) /* what nanoseconds can say */
+            return cli_usage(cli,
+                             "--day \"%s\": must be a day from 1970 to 2259, as 2026-01-31, today or "
+                             "yesterday",
+                             day);
     }
     const int month = t.tm_mon, mday = t.tm_mday;
     t.tm_isdst = -1;
@@ -148,6 +151,7 @@ static int take_day(const struct cli *cli, const char *day, apc_ns *from, apc_ns
     if (!yesterday && (t.tm_mon != month || t.tm_mday != mday))
         return cli_usage(cli, "--day \"%s\": there is no such day", day);
     t.tm_mday++;
+    t.tm_hour = 0; /* it may have begun at one o'clock */
     t.tm_isdst = -1;
     *to = mktime(&t) * APC_NS_PER_S;
     return EXIT_OK;

@@ -14,8 +14,8 @@
 
 /* One pen, by bins; of those without a value NAN. */
 struct pen {
-    double low[BINS], high[BINS], mean[BINS];
-    size_t n;
+    const struct page_window *window;
+    double low[BINS], high[BINS], last[BINS];
 };
 
 struct frame {
@@ -25,11 +25,12 @@ struct frame {
 static int take_pen_bin(void *ctx, const struct apc_history_bin *bin)
 {
     struct pen *p = ctx;
-    const bool has = bin->count > 0;
-    if (p->n < BINS) {
-        p->low[p->n] = has ? bin->min : (double)NAN;
-        p->high[p->n] = has ? bin->max : (double)NAN;
-        p->mean[p->n++] = has ? bin->mean : (double)NAN;
+    const apc_ns middle = bin->from + (bin->until - bin->from) / 2, begin = p->window->from;
+    const size_t i = (size_t)(BINS * (apc_ns_to_s(middle - begin) / apc_ns_to_s(p->window->until - begin)));
+    if (i < BINS && bin->count > 0) {
+        p->low[i] = bin->min;
+        p->high[i] = bin->max;
+        p->last[i] = bin->last;
     }
     return 0;
 }
@@ -38,12 +39,12 @@ static int take_pen_bin(void *ctx, const struct apc_history_bin *bin)
 static void hold_pen(struct pen *p, double value, double bins)
 {
     double since = 0;
-    for (size_t i = 0; i < p->n; i++) {
-        if (!isnan(p->mean[i])) {
-            value = p->mean[i];
+    for (size_t i = 0; i < BINS; i++) {
+        if (!isnan(p->last[i])) {
+            value = p->last[i];
             since = 0;
         } else if (since++ < bins) {
-            p->low[i] = p->high[i] = p->mean[i] = value;
+            p->low[i] = p->high[i] = p->last[i] = value;
         }
     }
 }
@@ -61,11 +62,13 @@ static int load_pen(struct pen *p, struct apc_store *store, const struct known_p
     const struct apc_tag *tag = plant_tag(&plant->view, table, id);
     const double bin = apc_ns_to_s(w->until - w->from) / BINS, period = tag ? tag->period : 0;
     double value = (double)NAN;
-    p->n = 0;
+    p->window = w;
+    for (size_t i = 0; i < BINS; i++)
+        p->low[i] = p->high[i] = p->last[i] = (double)NAN;
     if (id == 0)
         return 0;
     int rc = apc_store_history_bins(store, table, id, w->from, w->until, BINS, take_pen_bin, p);
-    if (rc >= 0 && table == APC_SETPOINT)
+    if (rc >= 0 && table == APC_SETPOINT && w->from > 0)
         rc = apc_store_history(store, table, id, &before, take_setpoint_before, &value);
     hold_pen(p, value, table == APC_SETPOINT ? BINS : 3 * period / bin);
     return rc < 0 ? rc : 0;
@@ -75,7 +78,7 @@ static int load_pen(struct pen *p, struct apc_store *store, const struct known_p
 
 static void widen_frame(struct frame *f, const struct pen *p)
 {
-    for (size_t i = 0; i < p->n; i++) {
+    for (size_t i = 0; i < BINS; i++) {
         f->low = fmin(f->low, p->low[i]);
         f->high = fmax(f->high, p->high[i]);
     }
@@ -125,9 +128,13 @@ static void put_times(FILE *out, const struct page_window *w, double top, double
     if (!localtime_r(&begin, &t))
         return;
     const apc_ns step = steps[k] * APC_NS_PER_S, offset = t.tm_gmtoff * APC_NS_PER_S;
-    for (apc_ns at = (w->from + offset + step - 1) / step * step - offset; at <= w->until; at += step) {
-        const double x = LEFT + WIDTH * apc_ns_to_s(at - w->from) / length;
-        const time_t second = at / APC_NS_PER_S;
+    for (apc_ns on = (w->from + offset + step - 1) / step * step - offset; on <= w->until; on += step) {
+        time_t second = on / APC_NS_PER_S;
+        if (!localtime_r(&second, &t))
+            return;
+        if (steps[k] >= 86400) /* midnight, also of the other half of the year */
+            second += offset / APC_NS_PER_S - t.tm_gmtoff;
+        const double x = LEFT + WIDTH * apc_ns_to_s(second * APC_NS_PER_S - w->from) / length;
         char text[32];
         if (!localtime_r(&second, &t) || !strftime(text, sizeof text,
                                                    steps[k] < 60      ? "%H:%M:%S"
@@ -149,14 +156,14 @@ static void put_pen(FILE *out, const struct frame *f, const struct pen *p, const
 {
     bool down = false;
     fprintf(out, "<path fill=\"none\" %s d=\"", style);
-    for (size_t i = 0; i < p->n; i++) {
-        if (!isnan(p->mean[i])) {
+    for (size_t i = 0; i < BINS; i++) {
+        if (!isnan(p->last[i])) {
             const double x = LEFT + WIDTH * ((double)i + 0.5) / BINS, low = at_value(f, p->low[i]),
                          high = at_value(f, p->high[i]);
             fprintf(out, "%s%.1f %.1f", down ? "L" : "M", x, low);
             fprintf(out, low - high >= 0.1 ? "V%.1f" : "h.1", high);
         }
-        down = !isnan(p->mean[i]);
+        down = !isnan(p->last[i]);
     }
     fputs("\"/>\n", out);
 }
@@ -199,8 +206,8 @@ int report_trend(FILE *out, struct apc_store *store, const struct known_plant *p
     int rc = load_pen(y, store, plant, APC_SENSOR, l->measurement, w);
     if (rc == 0)
         rc = load_pen(z, store, plant, APC_SETPOINT, l->setpoint, w);
-    if (rc == 0 && l->table)
-        rc = load_pen(u, store, plant, l->table, l->output, w);
+    if (rc == 0)
+        rc = load_pen(u, store, plant, l->table, l->table ? l->output : 0, w);
     widen_frame(&above, y);
     widen_frame(&above, z);
     widen_frame(&below, u);

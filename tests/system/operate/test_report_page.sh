@@ -45,6 +45,12 @@ shown "$page" '^Loop \| Health \| In service % \| Auto %' '^F2 \| \w+ \| 100 \| 
   '^2000-01-01 00:00:\d\d \| apc-controller \| mode \| mode Auto$' '^F2\.at-limit \| 2 \| Latched Unacknowledged \| 2000-01-01 00:' ||
   fail "the page lacks something: $(head -c 4000 "$page")"
 [ "$(grep -c '<svg ' "$page")" = 2 ] || fail "two loops are $(grep -c '<svg ' "$page") trends"
+python3 - "$page" <<'END' || fail "a trend does not go over its window: $(grep '<path fill' "$page" | cut -c -200)"
+import re, sys
+for d in re.findall(r'<path fill="none".* d="(.*?)"', open(sys.argv[1]).read()):
+    x = [float(at) for at in re.findall(r"[ML]([0-9.]+)", d)]
+    assert x[0] < 70 and 690 < x[-1] < 700, (x[0], x[-1])
+END
 expect 0 '<h1>Report pump-failure</h1>' env -u APC_STORE "$apc" report "$work/run" --from 500 --to 1000 --html -
 ! grep -q 'nan\|inf"' "$page" || fail "a trend has what is no number"
 
@@ -59,6 +65,7 @@ shown "$work/day.html" '^2025-03-30 00:00:00 \| anna \| entry \| <script>first</
 ! grep -q 'the day' "$work/day.html" || fail "there is another day in it"
 grep -q 'From 2025-03-30 00:00:00 until 2025-03-31 00:00:00' "$work/day.html" || fail "not from midnight to midnight"
 grep -q 'Nothing is on record' "$work/day.html" || fail "not said that nothing was recorded"
+expect 0 'From 2026-03-29 01:00:00 until 2026-03-30 00:00:00' env TZ=Asia/Beirut "$apc" report --day 2026-03-29 --html - # begins at one
 expect 0 'report: .*/pages/first-order-20' "$apc" report --day yesterday --html "$work/pages"
 
 # ---- Of 10 001 entries
@@ -69,12 +76,16 @@ TZ=UTC expect 0 '' "$apc" report --day 2025-05-01 --html "$work/many.html"
 grep -q '<b>1 rows are left out</b>: there are 10001' "$work/many.html" || fail "not said what is left out"
 
 # ---- What cannot be
-expect 2 'must be a day, as 2026-01-31' "$apc" report --day 2026-13-01 --html -
+expect 2 'must be a day from 1970 to 2259, as 2026-01-31' "$apc" report --day 2026-13-01 --html -
+expect 2 'a day from 1970 to 2259' "$apc" report --day 2300-01-01 --html -
 expect 2 'there is no such day' "$apc" report --day 2026-02-30 --html -
 expect 2 'without --from, --to and --at' "$apc" report --day today --from -1h
 expect 2 'the window is empty' "$apc" report --from 2099-01-01 --html -
 expect 2 'which of the two' "$apc" report "$work/run" --store sqlite:other --html -
 expect 1 'cannot be written' "$apc" report --day 2025-05-01 --html "$work/none/page.html"
+ln -s "$work/day.html" "$work/link.html"
+expect 1 'no plain file' "$apc" report --day 2025-05-01 --html "$work/link.html"
+[ -L "$work/link.html" ] || fail "a link was replaced"
 mkdir "$work/full"
 if mount -t tmpfs -o size=64k none "$work/full" 2>/dev/null; then
   echo before >"$work/full/page.html"
