@@ -415,8 +415,8 @@ int page_table(FILE *out, struct print_table *table)
         if ((used[i] = is_column_used(table, i)))
             page_cell(out, "th", table->columns[i].align, table->columns[i].heading);
     fputs(table->n > 0 ? "</tr></thead>\n<tbody>" : "", out);
-    for (size_t i = 0; i < table->n; i++) {
-        const size_t column = i % table->n_columns;
+    for (size_t i = 0, column = 0; i < table->n;
+         i++, column = column + 1 < table->n_columns ? column + 1 : 0) {
         fputs(column > 0 ? "" : "\n<tr>", out);
         if (used[column])
             page_cell(out, "td", table->columns[column].align, table->cells[i].text);

@@ -185,16 +185,18 @@ static int show_modes(const struct cli *cli, struct apc_store *store, const stru
     char why[WHY_LEN];
     int rc;
     struct apc_sample *mode = read_loop_modes(cli, store, c, &rc);
-    const int err = mode ? status_loops_load(&s, store, plant, NULL) : 0;
+    if (!mode)
+        return rc;
+    const int err = status_loops_load(&s, store, plant, NULL);
     if (err < 0)
         rc = err == APC_ENOMEM ? cli_error(cli, err, "out of memory") : cli_store_error(cli, err, store);
-    else if (rc == EXIT_OK && cli->format == CLI_JSON)
+    else if (cli->format == CLI_JSON)
         show_modes_json(&s, c, mode);
-    else if (rc == EXIT_OK && cli->format == CLI_TEXT && c->n == 1)
+    else if (cli->format == CLI_TEXT && c->n == 1)
         show_one(mode, reason_of(&s, c->loop[0], why));
-    else if (rc == EXIT_OK && cli->format == CLI_TEXT && show_table(&s, c, mode) < 0)
+    else if (cli->format == CLI_TEXT && show_table(&s, c, mode) < 0)
         rc = cli_error(cli, APC_ENOMEM, "out of memory");
-    else if (rc == EXIT_OK && cli->format == CLI_CSV) {
+    else if (cli->format == CLI_CSV) {
         puts(PRINT_SAMPLE_HEADER);
         for (size_t i = 0; i < 2 * c->n; i++)
             if (mode[i].seq > 0)

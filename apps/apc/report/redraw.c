@@ -296,7 +296,7 @@ static int report_of_store(const struct cli *cli, const struct report_options *o
     struct kpis kpis = {0};
     struct apc_store *store = NULL;
     struct apc_error why;
-    apc_ns to, from;
+    apc_ns to = 0, from = 0;
     const int status = take_store_window(cli, o, &from, &to);
     if (status != EXIT_OK)
         return status;

@@ -168,7 +168,7 @@ static int put_loops(const struct page *p)
         return fputs("<p>Nothing is on record.</p>\n", p->out), 0;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (const struct kpis_loop *l = p->kpis.loop;
-         l < p->kpis.loop + p->kpis.n_loops && table.n < PAGE_ROWS * 12; l++) {
+         l < p->kpis.loop + p->kpis.n_loops && table.n < (size_t)12 * PAGE_ROWS; l++) {
         const double share[] = {l->service,
                                 l->mode[APC_MODE_AUTO],
                                 l->mode[APC_MODE_CAS],

@@ -106,8 +106,9 @@ static void put_scale(FILE *out, struct frame *f, int most)
     const double step = nice_step((f->high - f->low) / most);
     f->low = floor(f->low / step + 1e-9) * step;
     f->high = ceil(f->high / step - 1e-9) * step;
-    for (double value = f->low; value < f->high + step / 2; value += step) {
-        const double y = at_value(f, value);
+    const int lines = (int)lround((f->high - f->low) / step);
+    for (int i = 0; i <= lines; i++) {
+        const double value = f->low + i * step, y = at_value(f, value);
         fprintf(out,
                 "<path d=\"M%g %.1fh%g\" stroke=\"#ddd\"/><text x=\"%g\" y=\"%.1f\" "
                 "text-anchor=\"end\">%.6g</text>\n",
