@@ -20,6 +20,7 @@ struct suggest_model {
     char input[IDENTIFY_SIGNALS][APC_TAG_LEN], output[IDENTIFY_SIGNALS][APC_TAG_LEN];
     size_t inputs, outputs;
     struct apc_transfer g[IDENTIFY_SIGNALS * IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS * IDENTIFY_SIGNALS];
+    struct apc_validation judged[IDENTIFY_SIGNALS]; /* of each output, by the record; of a model file zeros */
 };
 /* Those of o->model, into a model of zeros. Returns 0, APC_ENOTFOUND, APC_EPROTO, or APC_EINVAL. */
 int suggest_read_model(const struct suggest_options *o, struct suggest_model *model, struct apc_error *why);

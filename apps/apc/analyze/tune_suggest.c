@@ -9,6 +9,7 @@
 #include <apctune.h>
 
 #include "apc/folder/folder.h"
+#include "apc/folder/kpi_window.h"
 #include "apc/identify/oscillation.h"
 #include "apc/report/gnuplot.h"
 #include "experiment/experiment.h"
@@ -27,7 +28,8 @@ struct answer {
 
 /* What is drawn of a loop. */
 struct drawing {
-    const char *name;
+    const char *name, *measurement;
+    const struct apc_transfer *g; /* of z->model */
     double Ts;
     struct answer now, then;
 };
@@ -60,6 +62,7 @@ static int identify(struct suggesting *z, const struct identify_data *data, stru
     const struct apc_identify_transfer_options options = {.size = sizeof options};
     const struct apc_record *r = &data->record;
     struct apc_transfer *g = calloc(2 * r->ny * r->nu + 1, sizeof *g), *error = g ? g + r->ny * r->nu : NULL;
+    struct apc_linear *linear = NULL;
     double u0[IDENTIFY_SIGNALS], y0[IDENTIFY_SIGNALS];
     int rc = apc_record_check(r, why);
 
@@ -67,6 +70,11 @@ static int identify(struct suggesting *z, const struct identify_data *data, stru
         return apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = apc_identify_transfer(r, &options, g, error, u0, y0, NULL, why);
+    if (rc == 0)
+        rc = apc_linear_from_transfer(&linear, r->ny, r->nu, 0, g, u0, y0, r->Ts, why);
+    if (rc == 0)
+        rc = apc_validate(linear, NULL, r, r->n / 10, z->model->judged, NULL, why);
+    apc_linear_destroy(linear);
     for (size_t p = 0; p < r->ny * r->nu && rc == 0; p++) {
         const size_t at = p / r->nu * IDENTIFY_SIGNALS + p % r->nu;
 
@@ -81,12 +89,40 @@ static int identify(struct suggesting *z, const struct identify_data *data, stru
     return rc;
 }
 
+/* A loop of a law with such numbers, from the plant to the plant. */
+static bool is_pid(const struct controller_loop *loop)
+{
+    const struct controller *c = loop->of;
+    int id;
+
+    return c->law && controllers_loop_parameter(loop, "Kp", &id) &&
+           controllers_loop_parameter(loop, "tau_i", &id) && c->u[loop->u].table == APC_ACTUATOR &&
+           loop->u < c->dim.ny && c->y[loop->u].table == APC_SENSOR && !c->shadow;
+}
+
+/* No tuning cures a valve. */
+static int check_valves(const struct suggesting *z, struct apc_error *why)
+{
+    const double horizon = 0.0;
+    struct kpis m;
+    int rc = window_of_run(&m, &z->e, z->o->run, (double)NAN, (double)NAN, &horizon, why);
+
+    for (size_t i = 0; i < m.n_loops && rc == 0; i++) {
+        const struct controller_loop loop = controllers_loop(&z->e, i);
+
+        if (is_pid(&loop) && m.loop[i].health.verdict == HEALTH_VALVE)
+            rc = apc_fail(why, APC_ESOLVER, "%s: %s (apc monitor %s). Then test the plant anew by apc test",
+                          controllers_output(&z->e, loop)->name, health_words(HEALTH_VALVE), z->o->run);
+    }
+    kpis_free(&m);
+    return rc;
+}
+
 static int find_loop_models(struct suggesting *z, struct apc_error *why)
 {
     struct identify_selection selection = {.from = -HUGE_VAL};
-    int rc;
-
     struct stat is;
+    int rc;
 
     if (z->o->model)
         return suggest_read_model(z->o, z->model, why);
@@ -94,6 +130,9 @@ static int find_loop_models(struct suggesting *z, struct apc_error *why)
         return apc_fail(why, APC_EINVAL,
                         "%s is a file: name the folder of a run or of apc test, or --model FILE as well",
                         z->o->run);
+    rc = check_valves(z, why);
+    if (rc < 0)
+        return rc;
     rc = identify_read(&z->data, z->o->run, &selection, why);
     if (rc < 0) { /* samples of a real plant come late */
         identify_data_free(&z->data);
@@ -217,14 +256,16 @@ static void show_suggestion(const char *loop, const char *which, const struct ap
 }
 
 /* What the model says of it. */
-static int predict(struct suggesting *z, const char *output, const struct apc_transfer *g,
-                   const struct apc_pid_tuning *present, const struct apc_pid_tuning *found, double Ts,
-                   struct apc_error *why)
+static int predict(struct suggesting *z, const char *output, const char *measurement,
+                   const struct apc_transfer *g, const struct apc_pid_tuning *present,
+                   const struct apc_pid_tuning *found, double Ts, struct apc_error *why)
 {
     struct drawing *d = &z->drawing[z->drawings++];
     int rc = check_suggested_loop(g, found, Ts, &d->then, why);
 
     d->name = output;
+    d->measurement = measurement;
+    d->g = g;
     d->Ts = Ts;
     if (rc == 0 && !d->then.margins.stable)
         rc = apc_fail(why, APC_ESOLVER,
@@ -243,6 +284,8 @@ static int predict(struct suggesting *z, const char *output, const struct apc_tr
 static int check_model(const struct suggesting *z, const char *output, const char *measurement,
                        const struct apc_transfer *g, const struct apc_transfer *error, struct apc_error *why)
 {
+    char untold[200];
+
     if (z->unmodelled) {
         *why = z->why;
         return z->unmodelled;
@@ -260,6 +303,14 @@ static int check_model(const struct suggesting *z, const char *output, const cha
             "the gain from %s to %s is %.3g +- %.3g: not even its sign is known. Test it longer, or "
             "with a larger amplitude",
             output, measurement, g->gain, 1.96 * error->gain);
+    if (!g->integrating && isnan(error->tau[0]) && !(g->tau[1] > 0.0 && isfinite(error->tau[1]))) {
+        identify_untold(g, error, untold, sizeof untold);
+        return apc_fail(
+            why, APC_ESOLVER,
+            "%s to %s: the record does not tell %s, so there is no tuning to suggest. Test the plant by apc "
+            "test, longer or with a larger amplitude",
+            output, measurement, untold);
+    }
     return 0;
 }
 
@@ -289,7 +340,7 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
         return rc;
     rc = find_suggested_tuning(z, g, by_relay ? &swings : NULL, tau_d && second, Ts, &found, why);
     if (rc == 0 && modelled) {
-        rc = predict(z, output, g, &present, &found, Ts, why);
+        rc = predict(z, output, measurement, g, &present, &found, Ts, why);
     } else if (rc == 0) {
         show_suggestion(output, "now", &present, NULL);
         show_suggestion(output, "then", &found, NULL);
@@ -305,17 +356,6 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     return 0;
 }
 
-/* A loop of a law with such numbers, from the plant to the plant. */
-static bool is_pid(const struct controller_loop *loop)
-{
-    const struct controller *c = loop->of;
-    int id;
-
-    return c->law && controllers_loop_parameter(loop, "Kp", &id) &&
-           controllers_loop_parameter(loop, "tau_i", &id) && c->u[loop->u].table == APC_ACTUATOR &&
-           loop->u < c->dim.ny && c->y[loop->u].table == APC_SENSOR && !c->shadow;
-}
-
 /* Is it a loop to be tuned? Where a relay was in some loop, those it was in are. */
 static bool is_wanted(const struct suggesting *z, const struct controller_loop *loop, bool relays)
 {
@@ -323,6 +363,23 @@ static bool is_wanted(const struct suggesting *z, const struct controller_loop *
 
     return is_pid(loop) && (!relays || oscillates(z, controllers_output(&z->e, *loop)->name,
                                                   z->e.y[loop->of->y[loop->u].at].tag.name, &swings));
+}
+
+/* What apc identify says of the models, too. */
+static void show_doubts(const struct suggesting *z)
+{
+    char untold[200];
+
+    for (const struct drawing *d = z->drawing; d < z->drawing + z->drawings; d++) {
+        const size_t p = (size_t)(d->g - z->model->g);
+
+        if (identify_untold(d->g, &z->model->error[p], untold, sizeof untold))
+            printf("%s to %s: the record does not tell %s\n", d->name, d->measurement, untold);
+        if (!z->o->model && z->model->judged[p / IDENTIFY_SIGNALS].independent < IDENTIFY_TELLING)
+            printf("%s to %s: what the model leaves out is not noise alone: it may be another order, a "
+                   "nonlinearity, or an input that is not on record. Try the tuning first, by apc simulate\n",
+                   d->name, d->measurement);
+    }
 }
 
 static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_error *why)
@@ -363,6 +420,8 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
                z->swinging[i].name, z->swinging[i].is.every, z->swinging[i].is.gain);
     if (z->unmodelled && rc == 0)
         printf("no model, so nothing is predicted: %s\n", z->why.text);
+    if (rc == 0)
+        show_doubts(z);
     if (z->drawings && rc == 0)
         puts("IAE, overshoot, settling (to 5 %): of a step of 1 of the setpoint, by the model; a smaller Ms "
              "is calmer");

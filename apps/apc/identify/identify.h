@@ -75,9 +75,12 @@ int identify_find(struct identification *z);
 /* What was read, and what of it is fitted to: the first line of a report. */
 void identify_show_samples(const struct identification *z);
 
-/* What the record does not tell of pair @p p of transfer functions, into @p text: "", or as "the sign of the
+/* A probability of independence below which it is no chance that what a model leaves out hangs on its inputs. */
+#define IDENTIFY_TELLING 0.01
+
+/* What the record does not tell of @p g with the standard errors @p e, into @p text: "", or as "the sign of the
  * gain, tau". True: something. */
-bool identify_untold(const struct identify_model *model, size_t p, char *text, size_t size);
+bool identify_untold(const struct apc_transfer *g, const struct apc_transfer *e, char *text, size_t size);
 /* The report, as --json and --csv say. */
 void identify_show(const struct identification *z);
 /* The model as a file for a controller. @comment, lines of it. */

@@ -10,8 +10,6 @@
 #include "files/files.h"
 #include "identify.h"
 
-#define TELLING 0.01 /* a probability below which it is no chance */
-
 /* How far output @p i goes in any record, in the share that was fitted to, or in what it is judged on. */
 static double reach(const struct identification *z, size_t i, bool judged)
 {
@@ -174,9 +172,8 @@ static void put_estimate(struct print_table *t, bool there, double value, double
         print_cell(t, PRINT_PLAIN, "%.4g ± %.2g", value, half);
 }
 
-bool identify_untold(const struct identify_model *m, size_t p, char *text, size_t size)
+bool identify_untold(const struct apc_transfer *g, const struct apc_transfer *e, char *text, size_t size)
 {
-    const struct apc_transfer *g = &m->g[p], *e = &m->error[p];
     const struct {
         const char *name;
         bool untold;
@@ -201,7 +198,7 @@ static bool any_untold(const struct identify_model *m, const struct identify_dat
     bool any = false;
 
     for (size_t p = 0; m->g && p < d->record.ny * (d->record.nu + d->record.nd); p++)
-        any |= identify_untold(m, p, text, sizeof text);
+        any |= identify_untold(&m->g[p], &m->error[p], text, sizeof text);
     return any;
 }
 
@@ -238,11 +235,11 @@ static int show_pairs(const struct identification *z)
     puts("\ntransfer, with 95 % intervals");
     int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++)
-        if (identify_untold(m, p, untold, sizeof untold))
+        if (identify_untold(&m->g[p], &m->error[p], untold, sizeof untold))
             printf("%s to %s: the record does not tell %s\n", z->data.input[p % inputs],
                    z->data.output[p / inputs], untold);
     for (size_t i = 0; i < z->data.record.ny; i++)
-        if (m->validation[i].independent < TELLING)
+        if (m->validation[i].independent < IDENTIFY_TELLING)
             printf("of %s these intervals are too narrow: what the model leaves out is not noise alone, and "
                    "they know of "
                    "noise only. How well a number is known, models of two records tell\n",
@@ -326,7 +323,7 @@ static void show_models_text(const struct identification *z)
     if (show_models(z) < 0 || show_pairs(z) < 0 || show_tunings(z) < 0)
         cli_error(&z->cli, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < m->linear->ny; i++)
-        hangs |= m->validation[i].independent < TELLING;
+        hangs |= m->validation[i].independent < IDENTIFY_TELLING;
     if (z->own.kind != KINDS && any_untold(m, &z->data))
         printf("\n%s has numbers that the record does not tell", m->kind);
     else

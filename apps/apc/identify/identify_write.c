@@ -104,7 +104,7 @@ void identify_write(FILE *out, const struct identify_model *model, const struct 
 
     fputs(comment, out);
     for (size_t p = 0; model->g && p < inputs * m->ny; p++)
-        if (identify_untold(model, p, untold, sizeof untold))
+        if (identify_untold(&model->g[p], &model->error[p], untold, sizeof untold))
             fprintf(out, "# %s to %s: the record does not tell %s\n", data->input[p % inputs],
                     data->output[p / inputs], untold);
     put_names_list(out, "inputs", data->input, inputs);

@@ -94,3 +94,14 @@ no 1 'there is no such file or folder' --suggest "$work/nothing"
 no 1 'input 1 is 0 all the time' --suggest "$work/still"
 "$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank-nonminimum.conf" -d 400 --settling 100 -o "$work/lqg" >/dev/null
 no 1 'has no PI or PID loop on an output of the plant: apc optimize searches other laws' --suggest "$work/lqg"
+# A valve that sticks is no matter of tuning, and what the record does not tell is none to tune by: of such a record
+# came a Kp of the wrong sign, without a word. Of a shorter one the valve cannot be told.
+faults='outputs.u.faults=({kind="stiction";size=0.4;jump=0.4;at=0.0;})'
+for seconds in 30 150; do
+  "$apc" simulate "$work/fast.conf" --set duration=$seconds --set scheduler.period=200 --set "$faults" --report "$work/sticks$seconds" >/dev/null
+done
+"$apc" test "$work/fast.conf" --set "${faults//0.4/0.2}" --amplitude 0.5 -d 60 -o "$work/little" >/dev/null
+# Promise(identification/apc-tune-suggest-tunings)
+no 1 '^apc tune: u: the valve sticks or has backlash: look after it before you tune \(apc monitor .*/sticks150\)' --suggest "$work/sticks150"
+no 1 'u to y: the record does not tell tau, .*so there is no tuning to suggest. Test the plant by apc test' --suggest "$work/little" --apply
+no 0 '^u to y: what the model leaves out is not noise alone: .*Try the tuning first, by apc simulate' --suggest "$work/sticks30"
