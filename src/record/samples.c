@@ -241,9 +241,10 @@ static int count_seqs(struct samples *s)
 
 int samples_missing(const char *dir, const char *name, struct apc_error *why)
 {
-    return apc_fail(why, APC_ENOTFOUND,
-                    "%.300s/%.50s: No such file; of a run that goes on, or was killed, apc report makes it",
-                    dir, name);
+    return apc_fail(
+        why, APC_ENOTFOUND,
+        "%.300s/%.50s: No such file; of a run that goes on, or was killed, first: apc report %.300s", dir,
+        name, dir);
 }
 
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why)

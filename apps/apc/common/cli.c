@@ -142,7 +142,7 @@ void cli_find_store(struct cli *cli)
     if (there && S_ISDIR(at.st_mode)) {
         const int rc = runstore_uri(cli->store, uri, &why);
         if (rc < 0)
-            exit(cli_error(cli, rc, "--store: %s", why.text));
+            exit(cli_error(cli, rc, "%s%s", cli->store_given ? "--store: " : "", why.text));
         cli->folder = cli->store;
         cli->store = uri;
     }
@@ -313,8 +313,7 @@ int cli_duration(const struct cli *cli, const char *option, const char *text, ap
     return cli_usage(cli, "--%s \"%s\": must be a duration above zero, as 30s, 10m, 2h, 90d", option, text);
 }
 
-/* A day, a minute or RFC 3339. */
-static bool parse_date(const char *text, apc_ns *time)
+bool cli_date(const char *text, apc_ns *time)
 {
     char whole[APC_TIME_LEN + 16];
     const char *rest = strlen(text) == 10 ? "T00:00:00" : strlen(text) == 16 ? ":00" : "";
@@ -333,14 +332,14 @@ bool cli_when(const char *text, apc_ns *time)
                                                   seconds >= 0 && apc_ns_from_s(seconds, &before) == 0);
     if (given && before < now)
         *time = now - before;
-    return given ? before < now : parse_date(text, time);
+    return given ? before < now : cli_date(text, time);
 }
 
 int cli_time(const struct cli *cli, const char *option, const char *text, apc_ns *time)
 {
     double seconds;
     if (!text || past_time(cli, text, time))
-        return EXIT_OK;
+        return text ? past_check_end(cli, text, *time) : EXIT_OK;
     if (apc_number_parse(text, &seconds) == 0 && seconds >= 0)
         return cli_usage(cli,
                          "--%s \"%s\": must be a time; seconds since the start of a run are of its folder: "

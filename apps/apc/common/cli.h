@@ -81,6 +81,7 @@ bool cli_colour(void);
 
 /* RFC 3339, without its seconds or its time of day as well, or before now as 30s, -10m, 2h, 1d, -600 (s). False: it is neither. */
 bool cli_when(const char *text, apc_ns *time);
+bool cli_date(const char *text, apc_ns *time); /* without the latter */
 /* The TIME of option --NAME, as past_time() takes it, into *time; NULL leaves it as it
  * is. Returns EXIT_OK, or EXIT_USAGE after saying so. */
 int cli_time(const struct cli *cli, const char *name, const char *text, apc_ns *time);

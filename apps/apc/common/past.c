@@ -8,20 +8,28 @@
 #include "experiment/experiment.h"
 #include "print.h"
 
-/* Of a run's folder, or of the store that lies there, seconds since the start of the run. */
-static bool run_time(const struct cli *cli, const char *at, apc_ns *time)
+/* Of a run's folder, or of the store that lies there; false: it is of none. record_free() in either case. */
+static bool past_run(const struct cli *cli, struct record *record)
 {
     char own[RUNSTORE_LEN], file[RUNSTORE_LEN + 16];
     const char *dir = cli->folder ? cli->folder : own;
-    struct record record;
     struct apc_error why;
-    apc_ns since;
-    double seconds;
-    if (!cli->store || apc_number_parse(at, &seconds) < 0 || seconds < 0 ||
-        apc_ns_from_s(seconds, &since) < 0 || (!cli->folder && runstore_folder(cli->store, own) < 0))
+    *record = (struct record){0};
+    if (!cli->store || (!cli->folder && runstore_folder(cli->store, own) < 0))
         return false;
     snprintf(file, sizeof file, "%.1180s/run.conf", dir);
-    const bool found = record_read(&record, file, &why) == 0 && record.start > 0;
+    return record_read(record, file, &why) == 0 && record->start > 0;
+}
+
+/* Seconds since the start of the run. */
+static bool run_time(const struct cli *cli, const char *at, apc_ns *time)
+{
+    struct record record;
+    apc_ns since;
+    double seconds;
+    if (apc_number_parse(at, &seconds) < 0 || seconds < 0 || apc_ns_from_s(seconds, &since) < 0)
+        return false;
+    const bool found = past_run(cli, &record);
     *time = record.start + since;
     record_free(&record);
     return found;
@@ -30,6 +38,25 @@ static bool run_time(const struct cli *cli, const char *at, apc_ns *time)
 bool past_time(const struct cli *cli, const char *at, apc_ns *time)
 {
     return run_time(cli, at, time) || cli_when(at, time);
+}
+
+int past_check_end(const struct cli *cli, const char *at, apc_ns time)
+{
+    struct record record;
+    apc_ns given, length;
+    double seconds;
+    if (cli_date(at, &given) || (apc_number_parse(at, &seconds) == 0 && seconds >= 0))
+        return EXIT_OK;
+    const bool over = past_run(cli, &record) && record.duration > 0 &&
+                      apc_ns_from_s(record.duration, &length) == 0 && time > record.start + length;
+    const int rc =
+        over ? cli_usage(cli,
+                         "\"%s\" is before now, and the record of this run ends at %g s, before that: "
+                         "give seconds since its start, a number alone as 10",
+                         at, record.duration)
+             : EXIT_OK;
+    record_free(&record);
+    return rc;
 }
 
 int past_open(const struct cli *cli, const char *option, const char *at, struct past *past)

@@ -23,6 +23,8 @@ struct past {
 
 /* What --at, --since and so on mean: a time, or before now; of a run's folder, and of the store in it, also seconds since its start. */
 bool past_time(const struct cli *cli, const char *at, apc_ns *time);
+/* Is @p at before now, and its @p time after the end of the folder's run? EXIT_USAGE after saying so, else EXIT_OK. */
+int past_check_end(const struct cli *cli, const char *at, apc_ns time);
 
 /* As cli_open(); a usage error where @at, of --@option, is no time. @at NULL: the store as it is now. past_close() in either case. */
 int past_open(const struct cli *cli, const char *option, const char *at, struct past *past);

@@ -57,7 +57,9 @@ static int fail_no_store(const char *dir, struct apc_error *why)
                         dir, recorded.live);
     return apc_fail(
         why, APC_ENOTFOUND,
-        "%s has no store, as the folder of a simulation has none: its values are in samples.csv there", dir);
+        "%s has no store, as the folder of a simulation has none: its values are in samples.csv there; "
+        "apc run FILE --speed max --out DIR leaves one",
+        dir);
 }
 
 int runstore_uri(const char *dir, char uri[RUNSTORE_LEN], struct apc_error *why)

@@ -298,7 +298,7 @@ static int parse_output(struct why_command *c)
         return 0;
     if (c->cli.n_args < 2)
         return past_time(&c->cli, at + 1, &c->question.at)
-                   ? EXIT_OK
+                   ? past_check_end(&c->cli, at + 1, c->question.at)
                    : cli_usage(
                          &c->cli,
                          "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, or before now, as 30s, "
@@ -308,12 +308,12 @@ static int parse_output(struct why_command *c)
         c->question.at += c->start;
         return 0;
     }
-    return cli_when(at + 1, &c->question.at)
+    return cli_date(at + 1, &c->question.at)
                ? 0
                : cli_usage(&c->cli,
-                           "\"%s\": \"%s\" must be seconds since the start of the run, or a "
+                           "\"%s\": \"%s\" must be seconds since the start of the run, as %.*s@10, or a "
                            "time, as 2026-01-31T12:00:00Z",
-                           text, at + 1);
+                           text, at + 1, (int)length, text);
 }
 
 /* Returns an exit code. */

@@ -40,6 +40,7 @@ refused 1 'there is no loop "r1": did you mean "upper.r1"?' layers r1@212
 refused 1 'no tick until then' layers v1@0
 refused 1 'no tick before it is on record' layers v1@0.05
 refused 2 'must be seconds since the start' layers v1@noon
+refused 2 '"10s" must be seconds since the start of the run, as v1@10,' layers v1@10s
 refused 2 'expected OUTPUT' layers @3
 refused 2 'a run folder, layers, or --store: one of them' layers v1@703 --store sqlite:layers/ticks.db
 refused 1 'none: there is no such file or folder' none v1@3
@@ -253,6 +254,10 @@ asked = datetime.datetime.fromisoformat(start) + datetime.timedelta(seconds=1.5)
 answer = datetime.datetime.fromisoformat(re.match("as of (.*)Z, UTC", open("get.txt").read())[1])
 assert abs((answer - asked).total_seconds()) < 1e-5, (answer, asked)
 END
+for asked in "get y --at 0.001s" "history y --since 0.001s" "why u@0.001s"; do # shellcheck disable=SC2086
+  expect 2 '"0.001s" is before now, and the record of this run ends at 3(\.[0-9]+)? s, before that: give seconds since its start' "$apc" $asked --store own
+done
+expect 0 '.' "$apc" history y --store own --since 1h
 
 # ---- Of every store: rows, packed ones, a database; and what is removed is said.
 

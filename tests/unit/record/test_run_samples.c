@@ -411,7 +411,8 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
     remove(scratch_path("samples.csv"));
     assert_int_equal(trajectory_load(&trajectory, scratch_folder(), &e, &why), APC_ENOTFOUND);
     assert_has(why.text,
-               "samples.csv: No such file; of a run that goes on, or was killed, apc report makes it");
+               "samples.csv: No such file; of a run that goes on, or was killed, first: apc report ");
+    assert_has(why.text, scratch_folder());
     trajectory_free(&trajectory);
 }
 
