@@ -116,13 +116,14 @@ static double first_of_curves(const struct curve *curve, size_t n, double end)
     return first;
 }
 
-/* In real time the plant may be measured a moment before the first setpoint is written: nobody controlled it
- * until then. */
-static double begin_of_trajectory(const struct trajectory *c)
+/* In real time, and simulated after it, the plant may begin a moment before the first setpoint is written: nobody
+ * controlled it until then. */
+static double begin_of_trajectory(const struct trajectory *c, const struct experiment *e)
 {
     const double begin = first_of_curves(c->output, c->dim.ny, c->end),
-                 set = first_of_curves(c->setpoint, c->dim.nz, c->end);
-    return isfinite(c->gap) && set < c->end && set - begin <= c->gap ? fmax(begin, set) : begin;
+                 set = first_of_curves(c->setpoint, c->dim.nz, c->end),
+                 moment = isfinite(c->gap) ? c->gap : apc_ns_to_s(e->plant.rhythm.period);
+    return set < c->end && set - begin <= moment ? fmax(begin, set) : begin;
 }
 
 static void add_event(struct figures *f, const struct trajectory *c, struct event event)
@@ -165,7 +166,7 @@ static struct event event_of_ramp(const struct trajectory *c, size_t i, size_t k
 static int collect_events(struct figures *f, const struct trajectory *c, const struct experiment *e)
 {
     size_t room = 1 + (e->plant.model ? e->plant.n_disturbances : 0);
-    double begin = begin_of_trajectory(c);
+    double begin = begin_of_trajectory(c, e);
     for (size_t i = 0; i < c->dim.nz; i++)
         room += c->setpoint[i].n + c->rate[i].n;
     f->event = calloc(room, sizeof *f->event);
@@ -471,7 +472,7 @@ int figures_make(struct figures *f, const struct trajectory *c, const struct exp
         if (!m->part)
             return APC_ENOMEM;
         make_figure_parts(f, m->part, c->end);
-        const struct scale scale = scale_of(c, e, loop, begin_of_trajectory(c));
+        const struct scale scale = scale_of(c, e, loop, begin_of_trajectory(c, e));
         for (size_t k = 0; k < f->n_parts; k++)
             measure_part(f, c, loop, &scale, &m->part[k]);
         sum_up_parts(m, f->n_parts);

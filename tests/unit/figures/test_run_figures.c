@@ -402,6 +402,11 @@ static void a_run_in_real_time_begins_once_there_is_a_setpoint(void **state)
     make(3);
     assert_int_equal(figures.n_parts, 2);
     assert_true(isnan(whole(METRIC_IAE)));
+
+    trajectory.gap = HUGE_VAL; /* simulated after such a run: within a period of the plant */
+    make(3);
+    assert_int_equal(figures.n_parts, 1);
+    assert_near(whole(METRIC_IAE), 5, 1e-3);
 }
 
 static void a_run_begins_with_the_first_measurement_of_any_output(void **state)
