@@ -197,17 +197,18 @@ static struct apc_modbus_point *point_of_entry(struct settings *s, const config_
 }
 
 /* What the loop may ask for can be written: a value that does not fit would fail every exchange while it
- * lasts. */
+ * lasts. What a measurement is said to reach can be read. */
 static void check_range(struct settings *s, const config_setting_t *entry, const struct experiment *e,
                         size_t i)
 {
-    const struct apc_tag *u = &e->u[i].tag;
-    if (!s->failed &&
-        (!apc_modbus_fits(&e->client.points[i], u->low) || !apc_modbus_fits(&e->client.points[i], u->high)))
-        settings_fail(
-            s, entry,
-            "output \"%s\" may be %.15g to %.15g: its %s cannot; give it \"low\" and \"high\" that fit",
-            u->name, u->low, u->high, types[e->client.points[i].type]);
+    const struct apc_modbus_point *p = &e->client.points[i];
+    const bool written = i < e->dim.nu;
+    const struct apc_tag *of = written ? &e->u[i].tag : &e->y[i - e->dim.nu].tag;
+    if (!s->failed && ((!apc_modbus_fits(p, of->low) && (written || of->low > -APC_VALUE_MAX)) ||
+                       (!apc_modbus_fits(p, of->high) && (written || of->high < APC_VALUE_MAX))))
+        settings_fail(s, entry,
+                      "%s \"%s\" may be %.15g to %.15g: its %s cannot; give it \"low\" and \"high\" that fit",
+                      written ? "output" : "measurement", of->name, of->low, of->high, types[p->type]);
 }
 
 /* A register that the two sides watch each other by. */
@@ -267,8 +268,7 @@ static void read_entry(struct settings *s, const config_setting_t *entry, struct
     settings_number(s, entry, "offset", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->offset);
     if (!s->failed && !(p->scale < 0) && !(p->scale > 0))
         settings_fail(s, config_setting_get_member(entry, "scale"), "\"scale\" must not be 0");
-    if (written)
-        check_range(s, entry, e, (size_t)(p - e->client.points));
+    check_range(s, entry, e, (size_t)(p - e->client.points));
     read_watchdog(s, entry, e, (size_t)(p - e->client.points), written);
 }
 

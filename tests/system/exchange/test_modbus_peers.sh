@@ -14,7 +14,7 @@ listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null; }
 conf() {
   cat >"$work/$1.conf" <<CONF
 name = "$1"; duration = 6.0;
-measurements = ( { name = "ya"; low = -1000.0; high = 1000.0; }, { name = "yb"; low = -1000.0; high = 1000.0; } );
+measurements = ( { name = "ya"; low = -300.0; high = 300.0; }, { name = "yb"; low = -300.0; high = 300.0; } );
 setpoints = ( { name = "ra"; initial = 5.25; }, { name = "rb"; initial = -3.5; } );
 outputs = ( { name = "ua"; low = -100.0; high = 100.0; safe = 0.0; }, { name = "ub"; low = -100.0; high = 100.0; safe = 0.0; } );
 plant = { external = true; };
