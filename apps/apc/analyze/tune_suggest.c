@@ -459,7 +459,7 @@ static void put_step_responses(FILE *script, void *ctx)
         put_step(script, "now", i, &d->now, d->Ts, until_of(d));
         put_step(script, "then", i, &d->then, d->Ts, until_of(d));
         fprintf(script, "until[%zu] = %.9g\n", i + 1, until_of(d));
-        gnuplot_text(script, "name", i, d->name);
+        gnuplot_text(script, "name", i, d->measurement);
     }
 }
 

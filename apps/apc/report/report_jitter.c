@@ -160,17 +160,16 @@ static int arrange_histograms(struct report_histograms *h, const struct report_d
     return rc;
 }
 
-/* Were all ticks exactly in time? Then there is nothing to show. */
+/* Was no tick other than exactly in time? Then there is nothing to show. */
 static bool are_all_in_time(const struct report_histograms *h)
 {
-    bool ticked = false, exact = true;
+    bool exact = true;
     for (int i = 0; i < h->n; i++) {
         const struct report_jitter *jitter = &h->of[i].jitter;
-        ticked |= jitter->count > 0;
         for (size_t k = 0; k < jitter->n_bins; k++)
             exact &= jitter->bins[k].low <= 0 && jitter->bins[k].high >= 0;
     }
-    return ticked && exact;
+    return exact;
 }
 
 int report_histograms_create(struct report_histograms **histograms, const struct report_data *data,

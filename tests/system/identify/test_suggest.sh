@@ -35,6 +35,7 @@ done
 near "Kp of the model file" "$(awk '$2 == "then" { print $3 }' "$work/model.txt")" "$Kp" 0.01
 near "Kp that the file has" "$(awk '$2 == "now" { print $3 }' "$work/model.txt")" 0.2 1e-9
 grep -q '</svg>' "$work/steps.svg" && [ -s "$work/steps.png" ] || fail "there is no figure"
+grep -q '>y<' "$work/steps.svg" || fail "the figure does not name the measurement"
 expect 4 'steps.svg.*--force' "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps"
 expect 0 'then' "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps" --force
 # numbers without a point, a zero that cancels a lag, and no other pair than it has
