@@ -155,8 +155,8 @@ static double envelope(const double *r, size_t lags, double from, double swing)
     return most;
 }
 
-/* Of a regular oscillation in the autocorrelation: a false return leaves @p h as it is. */
-static bool swings(struct health *h, const double *r, size_t lags, double period)
+/* Of a regular oscillation of @p least lags or more in the autocorrelation: a false return leaves @p h as it is. */
+static bool swings(struct health *h, const double *r, size_t lags, double period, double least)
 {
     double at[CROSSINGS], mean = 0, spread = 0;
     size_t n = 0;
@@ -169,7 +169,7 @@ static bool swings(struct health *h, const double *r, size_t lags, double period
     for (size_t i = 1; i < n; i++)
         spread += (2 * (at[i] - at[i - 1]) - mean) * (2 * (at[i] - at[i - 1]) - mean) / (double)(n - 2);
     const double regularity = mean / (3 * sqrt(spread)), once = envelope(r, lags, mean, mean);
-    if (!(regularity > 1 && mean >= 3 && once > strong))
+    if (!(regularity > 1 && mean >= least && once > strong))
         return false;
     const double far = fmin(FAR, (double)lags / mean - 1.5);
     h->swing = mean * period;
@@ -178,7 +178,7 @@ static bool swings(struct health *h, const double *r, size_t lags, double period
     return true;
 }
 
-/* Fine, and for slow ones of means over some ticks. */
+/* Fine, where a loop at its limit may swing in less than three ticks, and for slow ones of means over some ticks. */
 static bool finds_swing(struct health *h, const double *e, size_t n, double period, double *work, double *r)
 {
     bool found = false;
@@ -192,7 +192,7 @@ static bool finds_swing(struct health *h, const double *e, size_t n, double peri
         lagged_products(work, work, m, lags, r);
         for (size_t k = lags + 1; k-- > 0;)
             r[k] /= r[0];
-        found = swings(h, r, lags, period * (double)coarse);
+        found = swings(h, r, lags, period * (double)coarse, coarse == 1 ? 2.2 : 3.0);
     }
     return found;
 }

@@ -23,6 +23,10 @@ judged() {
 judged well good
 judged sticks valve
 judged tight tight
+# near its limit it swings in less than three ticks
+for Kp in 0.4 1.8; do "$apc" simulate well.conf --set controller.period=2 --set "controller.tuning.[0].Kp=$Kp" --report ticks-$Kp >/dev/null; done
+judged ticks-0.4 good
+judged ticks-1.8 tight
 judged well unknown --to 400
 "$apc" monitor sticks >said
 grep -qE '^u: the valve sticks .* friction of 0\.[12]' said || fail "no word of the valve: $(cat said)"
