@@ -204,7 +204,7 @@ static const struct asked {
     {post_alarm_service, {NULL}, "{\"seq\":0,\"out\":true}", 0x1fb6fc88},
     {get_writes, {NULL}, NULL, 0x6d86e753},
     {get_state, {NULL}, NULL, 0x469d47d0},
-    {get_events, {"kind", "operator"}, NULL, 0x3f688b0f},
+    {get_events, {"kind", "operator"}, NULL, 0x3effc31b},
 };
 
 static void each_answer_is_the_same_to_the_last_letter(void **state)
