@@ -297,7 +297,7 @@ static void save_display(struct ui *ui, struct request *r, const struct display_
     struct displays all;
     struct text about = {0};
     struct display made = {.version = o->version + 1};
-    snprintf(made.name, sizeof made.name, "%s", r->name);
+    snprintf(made.name, sizeof made.name, "%.*s", DISPLAY_LEN - 1, r->name);
     json_add(&about, "{title:%s, level:%jd, author:%s, time:%.3f, comment:%s}", o->title, (intmax_t)o->level,
              r->session.user, (double)apc_clock_utc(NULL) / APC_NS_PER_S, o->comment);
     int failed = EEXIST;
