@@ -597,7 +597,6 @@ static bool take_marks(const struct move *m)
 static int compare_put_right(struct move *m, struct differs *d)
 {
     const struct replay_controller *rc = m->rc;
-    const struct apc_controller *c = rc->core;
     const double *row = tick_of_move(m, m->until);
     const bool foreign = take_marks(m);
     size_t element = 0;
@@ -605,7 +604,7 @@ static int compare_put_right(struct move *m, struct differs *d)
     int err = compute_put_right(m, NULL, 0, &made);
     if (err < 0)
         return err;
-    c = rc->core;
+    const struct apc_controller *c = rc->core;
     while (element < c->dim.nu && replay_same_bits(row[c->offset[APC_TICK_U] + element], c->u[element]))
         element++;
     if (element < c->dim.nu)

@@ -5,6 +5,7 @@
 #include <time.h>
 
 #include "apc/common/print.h"
+#include "apcmath.h"
 #include "report.h"
 
 #define BINS  640
@@ -87,7 +88,7 @@ static void widen_frame(struct frame *f, const struct pen *p)
 /* 1, 2 or 5 times a power of ten. */
 static double nice_step(double wide)
 {
-    const double power = pow(10, floor(log10(wide))), of = wide / power;
+    const double power = apc_pow(10, floor(apc_log10(wide))), of = wide / power;
     return power * (of <= 1 ? 1 : of <= 2 ? 2 : of <= 5 ? 5 : 10);
 }
 
