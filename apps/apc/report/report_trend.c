@@ -119,8 +119,10 @@ static void put_scale(FILE *out, struct frame *f, int most)
 
 static void put_times(FILE *out, const struct page_window *w, double top, double bottom)
 {
-    static const int steps[] = {1,    2,    5,    10,    15,    30,    60,    120,    300,    600,    900,
-                                1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 2592000};
+    static const int steps[] = {1,       2,        5,         10,        15,     30,     60,
+                                120,     300,      600,       900,       1800,   3600,   7200,
+                                10800,   21600,    43200,     86400,     172800, 604800, 2592000,
+                                7776000, 31536000, 315360000, 1576800000};
     const double length = apc_ns_to_s(w->until - w->from);
     const time_t begin = w->from / APC_NS_PER_S;
     struct tm t;
@@ -139,9 +141,10 @@ static void put_times(FILE *out, const struct page_window *w, double top, double
         const double x = LEFT + WIDTH * apc_ns_to_s(second * APC_NS_PER_S - w->from) / length;
         char text[32];
         if (!localtime_r(&second, &t) || !strftime(text, sizeof text,
-                                                   steps[k] < 60      ? "%H:%M:%S"
-                                                   : steps[k] < 86400 ? "%H:%M"
-                                                                      : "%m-%d",
+                                                   steps[k] < 60        ? "%H:%M:%S"
+                                                   : steps[k] < 86400   ? "%H:%M"
+                                                   : steps[k] < 2592000 ? "%m-%d"
+                                                                        : "%Y-%m",
                                                    &t))
             return;
         fprintf(out,

@@ -52,6 +52,9 @@ for d in re.findall(r'<path fill="none".* d="(.*?)"', open(sys.argv[1]).read()):
     assert x[0] < 70 and 690 < x[-1] < 700, (x[0], x[-1])
 END
 expect 0 '<h1>Report pump-failure</h1>' env -u APC_STORE "$apc" report "$work/run" --from 500 --to 1000 --html -
+expect 0 '' env -u APC_STORE "$apc" report --store "$work/run" --from 1970-01-01 --to 2026-01-01 --html "$work/decades.html"
+labels=$(grep -c 'text-anchor="middle">' "$work/decades.html")
+[ "$labels" -ge 8 ] && [ "$labels" -le 18 ] || fail "decades have $labels times at two trends"
 ! grep -q 'nan\|inf"' "$page" || fail "a trend has what is no number"
 
 # ---- Of a day: of local time, which has 23 hours when summer time begins
