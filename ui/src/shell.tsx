@@ -100,7 +100,7 @@ function Whole(): JSX.Element {
       <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>{tr("shell.skip")}</a>
       <Header onHelp={() => setHelp(true)} />
       {!wall && <nav aria-label={tr("shell.pages")} ref={menu}>
-        {pages.map((one, i) => (page === one || (one === "graphic" ? p?.graphic : one !== "plants")) && (
+        {pages.map((one, i) => (page === one || (one === "graphic" ? p?.graphic || p?.displays : one !== "plants")) && (
           <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={i < 9 ? `Alt+${i + 1}` : undefined} {...(one === "trend" ? takes(gather) : {})}>
             {i < 9 && <kbd aria-hidden="true">{i + 1}</kbd>} {tr(`page.${one}`)}
           </a>

@@ -21,6 +21,7 @@ const plant = {
   controllers: [{number: 1, name: "controller", period: 1}],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
   graphic: false,
+  displays: false,
   alarms: {
     shelve_max: 7200,
     all: [

@@ -56,6 +56,7 @@ export const plant: Plant = {
   loops: [loop(1, "y1", "u1"), loop(2, "y2", "u2")],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
   graphic: false,
+  displays: false,
   alarms: null,
 };
 

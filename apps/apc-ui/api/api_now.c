@@ -12,7 +12,7 @@ static void tell_plant(struct ui *ui, struct text *t)
     const struct model *m = &ui->model;
     json_add(t, "{");
     plant_members(&m->plant, t);
-    json_add(t, "graphic:%i, alarms:", ui->graphic.n > 0 || ui->displays[0]);
+    json_add(t, "graphic:%i, displays:%i, alarms:", ui->graphic.n > 0, ui->displays[0] != '\0');
     json_text_add(t, &m->alarms_are);
     json_add(t, "}");
 }

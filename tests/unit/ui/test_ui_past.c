@@ -156,6 +156,7 @@ static void the_drawing_is_given_as_it_is_and_must_not_run(void **state)
     assert_true(request.sandbox);
     plant = ask(get_plant);
     assert_true(json_is_true(json_object_get(plant, "graphic")));
+    assert_true(json_is_false(json_object_get(plant, "displays")));
     json_decref(plant);
     text_free(&ui->graphic);
 }

@@ -108,7 +108,7 @@ static const struct asked {
     uint32_t mark;
 } questions[] = {
     {get_session, {NULL}, NULL, 0x83911216},
-    {get_plant, {NULL}, NULL, 0x71c98f06},
+    {get_plant, {NULL}, NULL, 0xa676c532},
     {get_graphic, {NULL}, NULL, 0xef527b92},
     {get_state, {NULL}, NULL, 0x469d47d0},
     {get_livez, {NULL}, NULL, 0x806db533},

@@ -141,7 +141,8 @@ export interface Plant {
   controllers: Controller[];
   loops: Loop[];
   modes: string[];
-  graphic: boolean; // there is a drawing
+  graphic: boolean; // there is a drawing beside the experiment file
+  displays: boolean; // there is a folder for them
   alarms: {shelve_max: number; all: AlarmIs[]} | null;
 }
 
