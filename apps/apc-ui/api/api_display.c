@@ -23,7 +23,7 @@
 #define VERSIONS    9999
 #define SVG_MAX     (1 << 20)
 #define TAIL_MAX    8192
-#define TITLE_MAX   80
+#define TITLE_MAX   160 /* bytes: 40 characters of any language */
 #define COMMENT_MAX 400
 #define MARK        "<!-- apc-display "
 #define END         "</svg>"
