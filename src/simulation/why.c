@@ -619,13 +619,12 @@ static int compare_put_right(struct move *m, struct differs *d)
         err = find_at_odds(m, d, element);
     if (err == 0 && foreign && made)
         snprintf(d->unknown, sizeof d->unknown,
-                 "from the same inputs its law gives the same: it was compiled anew, or has a setting that "
-                 "moves nothing "
-                 "there");
+                 "from the same inputs its law gives the same: it was compiled again, or has a setting that "
+                 "moves nothing there");
     else if (err == 0 && d->n == 0)
         snprintf(d->unknown, sizeof d->unknown,
                  "all rows that it names are as it has them: %s, or its own row was altered",
-                 foreign ? "its law was compiled anew and computes otherwise, or has another setting"
+                 foreign ? "its law was compiled again and computes otherwise, or has another setting"
                          : "another build of the law made it");
     return err;
 }

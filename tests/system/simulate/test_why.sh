@@ -174,9 +174,9 @@ expect 1 '^y +measurement +[0-9.]+ +[0-9.]+ +-0\.1[0-9]* +100$' "$apc" replay "s
 altered given 'x[8] += 2 ** -40' # u
 expect 1 '^  all rows that it names are as it has them' "$apc" replay "sqlite:$work/given.db"
 altered mark 'x[1] += 1'
-expect 1 '^  from the same inputs its law gives the same: it was compiled anew' "$apc" replay "sqlite:$work/mark.db"
+expect 1 '^  from the same inputs its law gives the same: it was compiled again' "$apc" replay "sqlite:$work/mark.db"
 altered marks 'x[1] += 1; x[8] += 0.25'
-expect 1 'its law was compiled anew and computes otherwise' "$apc" replay "sqlite:$work/marks.db"
+expect 1 'its law was compiled again and computes otherwise' "$apc" replay "sqlite:$work/marks.db"
 # Promise(simulation/replay-candidate)
 "$apc" replay "sqlite:$work/history.db" --set controller.Kp=0.25 --json >set.json
 python3 -c 'import json; first = json.load(open("set.json"))["sources"][0]["differs"]; one = first["causes"][0]; assert (one["cause"], one["kind"], one["recorded"], one["replayed"]) == ("controller.Kp", "setting", 0.2, 0.25) and abs(first["replayed"] - first["recorded"] - one["effect"]) < 1e-12 < abs(one["effect"]), first' ||
