@@ -14,7 +14,6 @@
 #include "operate/operate.h"
 
 #define PLACE_MAX 8 /* characters of its name */
-#define IDLE      4 /* looks until one is made at ramps where there was none */
 
 struct shell {
     struct daemon d;
@@ -30,8 +29,7 @@ struct shell {
     bool refused;   /* the place of that one, which was said */
     struct known_plant plant;
     struct ramps ramps; /* the main thread's */
-    unsigned looks;
-    int unread; /* the error with which ramps were last not read, which was said */
+    int unread;         /* the error with which ramps were last not read, which was said */
 };
 
 #define AT(member) .to = offsetof(struct shell, member)
@@ -253,20 +251,19 @@ static void say_of_ramp(void *ctx, enum apc_event_severity severity, const char 
 }
 
 /* A store that is away is told of elsewhere; one that cannot be read for another reason here. */
-static void move_ramps(void *ctx)
+static apc_ns move_ramps(void *ctx)
 {
     struct shell *s = ctx;
     const struct ramp_told told = {.ctx = &s->d, .say = say_of_ramp};
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
-    if (s->looks++ % IDLE > 0 || atomic_load(&s->d.idle))
-        return;
+    if (atomic_load(&s->d.idle))
+        return APC_NS_PER_S;
     const int rc = ramps_step(&s->ramps, daemon_records(&s->d), now, &told);
-    if (rc != 0)
-        s->looks = 0;
     if (rc < 0 && rc != s->unread && rc != APC_ECONN && rc != APC_ETIMEDOUT)
         daemon_event(&s->d, APC_EVENT_WARNING, "ramp", "ramps cannot be read: %s",
                      apc_store_error(daemon_records(&s->d)));
     s->unread = rc < 0 ? rc : 0;
+    return rc != 0 ? APC_NS_PER_S / 4 : APC_NS_PER_S;
 }
 
 static int open_ramps(struct shell *s)

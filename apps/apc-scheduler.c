@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc-scheduler: writes the setpoint sequence, one step a period, to the setpoints that are Remote. Four
- * times a second it looks whether one was given back to it, or a step is still due that the store would not
- * take. A scheduler that was restarted in the middle of a step writes that step only where nobody has written
+ * apc-scheduler: writes the setpoint sequence, one step a period, to the setpoints that are Remote. Once
+ * a second it looks whether one was given back to it, and four times whether a step is still due that the
+ * store would not take. A scheduler that was restarted in the middle of a step writes that step only where nobody has written
  * since it began.
  *
  * Two threads write, the task its step and the main thread what it finds when it looks, but one at a time:
@@ -106,9 +106,9 @@ static int on_scheduler_tick(void *ctx, const struct apc_tick *tick)
     return daemon_fatal(s->d, s->store, look_for_due(s));
 }
 
-static void on_look(void *ctx)
+static apc_ns on_look(void *ctx)
 {
-    look_for_due(ctx);
+    return look_for_due(ctx) < 0 ? APC_NS_PER_S / 4 : APC_NS_PER_S;
 }
 
 /* Started in the middle of a step: is it in the store already, or was there nobody to write it? */

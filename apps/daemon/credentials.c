@@ -55,16 +55,17 @@ static void refresh(struct credentials *c)
         c->broken = rc < 0;
 }
 
-static void look_for_credentials(void *ctx)
+static apc_ns look_for_credentials(void *ctx)
 {
     struct credentials *c = ctx;
     const apc_ns now = apc_clock_mono(NULL);
 
-    if (now < c->look_at)
-        return;
-    c->look_at = now + LOOK_EVERY;
-    refresh(c);
-    watch_expiry(c);
+    if (now >= c->look_at) {
+        c->look_at = now + LOOK_EVERY;
+        refresh(c);
+        watch_expiry(c);
+    }
+    return LOOK_EVERY;
 }
 
 void credentials_watch(struct credentials *c, struct daemon *d, struct apc_identity *identity)

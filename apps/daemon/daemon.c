@@ -20,7 +20,6 @@
 #include "self_monitor.h"
 
 #define HOUSEKEEPING    APC_NS_PER_S                            /* between two looks of the main thread */
-#define LOOKS           4                                       /* of the program itself, in that time */
 #define RETURN          APC_NS_PER_S                            /* for a tick to return when all is to end */
 #define WINDOW          ((int)(RECORDER_WINDOW / HOUSEKEEPING)) /* looks between two timing rows */
 #define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
@@ -421,16 +420,17 @@ static void watch_records(struct daemon *d, int rc, int *last)
     *last = rc;
 }
 
-/* Until it is time for the next look, or a signal comes, which is returned. */
+/* Until it is time for the next look, or a signal comes, which is returned. The program's own looks come between. */
 static int wait_looking(struct daemon *d)
 {
+    apc_ns left = HOUSEKEEPING;
     int signal = 0;
-    for (int i = 0; i < LOOKS && d->look && signal <= 0; i++) {
-        signal = process_watchdog_wait(d->process_watchdog, HOUSEKEEPING / LOOKS);
-        if (signal <= 0)
-            d->look(d->look_ctx);
+    while (left > 0 && signal <= 0) {
+        const apc_ns next = d->look ? d->look(d->look_ctx) : HOUSEKEEPING, pause = next < left ? next : left;
+        signal = process_watchdog_wait(d->process_watchdog, pause);
+        left -= pause;
     }
-    return d->look ? signal : process_watchdog_wait(d->process_watchdog, HOUSEKEEPING);
+    return signal;
 }
 
 /* The main thread's part of a run: until a signal comes or the task ends by itself. */
@@ -551,7 +551,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
     daemon_event(d, APC_EVENT_INFO, "start", "running every %g s", apc_ns_to_s(rhythm.period));
     say_locked(d);
     process_watchdog_tell(d->process_watchdog, "READY=1");
-    process_watchdog_watch(d->process_watchdog, task);
+    process_watchdog_watch(d->process_watchdog, task, rhythm.period);
     rc = housekeep(d, task, rhythm);
     process_watchdog_tell(d->process_watchdog, "STOPPING=1");
     process_watchdog_ending(d->process_watchdog, exit_code_of(rc));

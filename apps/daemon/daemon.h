@@ -65,9 +65,11 @@ struct daemon {
     struct process_watchdog *process_watchdog;
     apc_ns start; /* UTC of t = 0, as given by --start; 0: not given */
     bool has_store;
-    apc_ns store_timeout;    /* of the task's store; see daemon_timeout() */
-    apc_ns store_pause;      /* longest before it is tried again; 0: the library's default */
-    void (*look)(void *ctx); /* called four times a second by the main thread, with look_ctx; may be NULL */
+    apc_ns store_timeout; /* of the task's store; see daemon_timeout() */
+    apc_ns store_pause;   /* longest before it is tried again; 0: the library's default */
+    apc_ns (*look)(
+        void *ctx); /* called by the main thread, with look_ctx, once a second and as much sooner as it says;
+                                * may be NULL */
     void *look_ctx;
     struct spool_watch records, task; /* the main thread's; the task's */
 

@@ -18,13 +18,16 @@
 #include "common/exitcode.h"
 #include "self_monitor.h"
 
-#define LOOK (200 * APC_NS_PER_MS) /* between two words to the watchdog */
+/* Between two words to the watchdog: a period, so that the last tick which it heard of is the last one, within these. */
+#define LOOK_MIN (200 * APC_NS_PER_MS)
+#define LOOK_MAX APC_NS_PER_S
 
 struct process_watchdog {
     pthread_t thread;
-    pthread_mutex_t mutex; /* of `task` and its watch */
+    pthread_mutex_t mutex; /* of `task`, its watch and `look` */
     const struct apc_task *task;
     struct tick_watch watch;
+    apc_ns look;
     _Atomic uint64_t ticks, last; /* calls that returned; the index of the last one */
     sem_t came, closed;           /* a signal; the process is about to return from main */
     int notify;
@@ -64,31 +67,34 @@ void process_watchdog_tell(const struct process_watchdog *w, const char *text)
                  (socklen_t)(offsetof(struct sockaddr_un, sun_path) + n));
 }
 
-static void feed(struct process_watchdog *w)
+/* Returns the time until it is to be fed again. */
+static struct timespec feed(struct process_watchdog *w)
 {
     char text[64] = "WATCHDOG=1";
     pthread_mutex_lock(&w->mutex);
     uint64_t ticks = atomic_load(&w->ticks);
     bool alive = w->task && tick_watch_look(&w->watch, ticks, apc_task_overruns(w->task, NULL));
+    const struct timespec look = {w->look / APC_NS_PER_S, w->look % APC_NS_PER_S};
     pthread_mutex_unlock(&w->mutex);
     if (ticks > 0)
         snprintf(text, sizeof text, "WATCHDOG=1\nAPC_LAST_TICK=%llu",
                  (unsigned long long)atomic_load(&w->last));
     if (alive)
         process_watchdog_tell(w, text);
+    return look;
 }
 
 static void *run_watchdog(void *arg)
 {
     static const char text[] = "something would not end within 2 s of being told to: given up\n";
-    const struct timespec look = {0, LOOK};
     struct process_watchdog *w = arg;
+    struct timespec look = {0};
     sigset_t signals;
     int signal;
 
     ours(&signals);
     while ((signal = sigtimedwait(&signals, NULL, &look)) < 0)
-        feed(w);
+        look = feed(w);
     atomic_store(&w->signal, signal);
     sem_post(&w->came);
     if (before(&w->closed, WARDEN_PATIENCE))
@@ -107,6 +113,7 @@ int process_watchdog_create(struct process_watchdog **out)
     *out = NULL;
     if (!w)
         return APC_ENOMEM;
+    w->look = LOOK_MIN;
     w->notify = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     ours(&signals);
     pthread_sigmask(SIG_BLOCK, &signals, NULL);
@@ -145,10 +152,11 @@ int process_watchdog_wait(struct process_watchdog *w, apc_ns timeout)
     return before(&w->came, timeout) ? atomic_load(&w->signal) : 0;
 }
 
-void process_watchdog_watch(struct process_watchdog *w, const struct apc_task *task)
+void process_watchdog_watch(struct process_watchdog *w, const struct apc_task *task, apc_ns period)
 {
     pthread_mutex_lock(&w->mutex);
     w->task = task;
+    w->look = period < LOOK_MIN ? LOOK_MIN : period > LOOK_MAX ? LOOK_MAX : period;
     pthread_mutex_unlock(&w->mutex);
 }
 
@@ -160,7 +168,7 @@ void process_watchdog_ticked(struct process_watchdog *w, uint64_t index)
 
 void process_watchdog_ending(struct process_watchdog *w, int code)
 {
-    process_watchdog_watch(w, NULL);
+    process_watchdog_watch(w, NULL, LOOK_MAX);
     atomic_store(&w->code, code);
     /* NOLINTNEXTLINE(bugprone-bad-signal-to-kill-thread,cert-pos44-c): the same */
     pthread_kill(w->thread, SIGTERM);

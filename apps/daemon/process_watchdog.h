@@ -18,8 +18,10 @@ struct process_watchdog;
 int process_watchdog_create(struct process_watchdog **process_watchdog);
 /* Wait for a signal. Returns it, also when it came before; 0 after @p timeout. One thread. */
 int process_watchdog_wait(struct process_watchdog *process_watchdog, apc_ns timeout);
-/* From now on tell the watchdog that @p task ticks, as long as it does. It lives until process_watchdog_ending(). */
-void process_watchdog_watch(struct process_watchdog *process_watchdog, const struct apc_task *task);
+/* From now on tell the watchdog that @p task of this period ticks, as long as it does, one to five times a second. The task
+ * lives until process_watchdog_ending(). */
+void process_watchdog_watch(struct process_watchdog *process_watchdog, const struct apc_task *task,
+                            apc_ns period);
 /* A tick has returned. [tick] */
 void process_watchdog_ticked(struct process_watchdog *process_watchdog, uint64_t index);
 /* A word to who started this process, in the form of sd_notify(); never waits. */

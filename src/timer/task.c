@@ -327,7 +327,7 @@ int apc_task_wait(struct apc_task *task, apc_ns timeout, int *result)
         return APC_ESTATE;
 
     const struct timespec deadline = deadline_after(timeout);
-    int rc = 0, err = 0;
+    int rc = timeout > 0 ? 0 : ETIMEDOUT, err = 0; /* a wait that is over still costs a switch of threads */
     pthread_mutex_lock(&task->lock);
     while (rc == 0 && task->state != APC_TASK_IDLE && task->state != APC_TASK_STOPPED && !task->ended)
         rc = pthread_cond_clockwait(&task->changed, &task->lock, CLOCK_MONOTONIC, &deadline);

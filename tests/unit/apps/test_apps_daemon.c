@@ -416,12 +416,13 @@ static void a_tick_that_does_not_return_is_left_behind(void **state)
     assert_recorded("1 stop stopping on SIGTERM\n");
 }
 
-static void hang(void *ctx)
+static apc_ns hang(void *ctx)
 {
     (void)ctx;
     kill(getpid(), SIGTERM);
     for (;;)
         pause();
+    return 0;
 }
 
 static int look_and_hang(struct daemon *d)

@@ -127,7 +127,7 @@ static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
     const struct apc_task_options options = {
         .size = sizeof options, .name = "test", .period = 10 * APC_NS_PER_MS};
     assert_int_equal(apc_task_create(executive, &options, tick, &k, &task, NULL), 0);
-    process_watchdog_watch(k.process_watchdog, task);
+    process_watchdog_watch(k.process_watchdog, task, options.period);
     assert_string_equal(word(fd, PATIENCE), "WATCHDOG=1"); /* of a last tick nobody knows before the first */
     assert_int_equal(apc_task_start(task, NULL), 0);
     const unsigned long long first = fed(fd, 0);
@@ -141,7 +141,7 @@ static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
     atomic_store(&k.hangs, false);
     (void)fed(fd, first);
 
-    process_watchdog_watch(k.process_watchdog, NULL);
+    process_watchdog_watch(k.process_watchdog, NULL, options.period);
     apc_task_stop(task);
     apc_task_destroy(task);
     apc_executive_destroy(executive);
