@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The texts are a third of the page. In the bundle each language is a list, in one order, and a use names the place in it. A name that
-// is put together, as `page.${one}` or known("mode", word), stays beside the lists.
+// is put together, as `page.${one}` or known("mode", word), stays beside the lists. Of a sentence of the server's without places, a
+// digest is enough to find it.
 import {transform} from "esbuild";
 import {readdirSync, readFileSync} from "node:fs";
 import path from "node:path";
@@ -24,17 +25,19 @@ function lines(list) {
 
 /** What esbuild takes the texts and their names by. */
 export async function texts() {
-  const [en, de, sentences] = await Promise.all(["texts.en", "texts.de", "sentences.de"].map(exported));
+  const [en, de, sentences, digest] = await Promise.all(["texts.en", "texts.de", "sentences.de", "core/digest"].map(exported));
   const sources = readdirSync(folder, {recursive: true}).filter(name => /\.tsx?$/.test(name) && !/^(texts|sentences)\./.test(name)).map(name => readFileSync(path.join(folder, name), "utf8"));
   const asked = new Set(sources.flatMap(text => [...text.matchAll(KEY)].map(([, key]) => key)));
   const madeUp = sources.flatMap(text => [...text.matchAll(MADE_UP)].map(([, start, end, group]) => new RegExp(`^${start ?? group}\\.[^.]+${end ?? ""}$`)));
   const named = Object.keys(en).filter(key => !asked.has(key) || madeUp.some(one => one.test(key)));
   const keys = [...new Set([...named, ...Object.keys(en)])];
+  const english = Object.keys(sentences).map(text => (text.includes("{") ? text : digest(text)));
+  if (new Set(english).size < english.length) throw new Error("two sentences have one digest");
   const place = new Map(keys.map((key, i) => [key, i]));
   const made = {
     "texts.en.ts": `const names=${lines(named)};export const both=list=>({...list,...Object.fromEntries(names.map((name,i)=>[name,list[i]]))});export const en=both(${lines(keys.map(key => en[key]))})`,
     "texts.de.ts": `import {both} from "./texts.en";export const de=both(${lines(keys.map(key => de[key]))})`,
-    "sentences.de.ts": `const german=${lines(Object.values(sentences))};export const sentences=Object.fromEntries(${lines(Object.keys(sentences))}.map((english,i)=>[english,german[i]]))`,
+    "sentences.de.ts": `const german=${lines(Object.values(sentences))};export const sentences=Object.fromEntries(${lines(english)}.map((english,i)=>[english,german[i]]))`,
   };
   return {
     name: "texts",

@@ -4,6 +4,7 @@
 import {sentences as germanSentences} from "../sentences.de";
 import {de} from "../texts.de";
 import {en} from "../texts.en";
+import {digest} from "./digest";
 
 type English = typeof en;
 export type Key = keyof English;
@@ -72,7 +73,7 @@ const SENTENCES: Partial<Record<Language, Sentences>> = {de: read(germanSentence
 export const rewords = (): boolean => SENTENCES[spoken] != null;
 
 function reworded(text: string, of: Sentences): string {
-  const exact = of.exact[text];
+  const exact = of.exact[text] ?? of.exact[digest(text)]; // the latter in the bundle: texts.mjs
   if (exact != null) return exact;
   for (const {least, whole, holes, to} of of.patterns) {
     const found = text.includes(least) ? whole.exec(text) : null;
