@@ -582,7 +582,7 @@ test("an element of the drawing leads to its faceplate, by mouse and by key, and
     assert.equal(await faceplate.getByRole("button", {name: "Auto"}).getAttribute("aria-pressed"), "true");
     await faceplate.getByRole("link", {name: "y.high"}).waitFor();
     await page.keyboard.press("Escape");
-    await faceplate.waitFor({state: "hidden"});
+    await faceplate.waitFor({state: "detached"});
     await page.getByRole("link", {name: /^u: /}).focus();
     await page.keyboard.press("Enter");
     await faceplate.waitFor();
