@@ -24,12 +24,21 @@ static void put_clock_number(_Atomic uint64_t *word, double number)
 /* Returns 1: there are such words; 0: none, or an error. */
 static int pace_of(struct apc_store *store, struct apc_store_pace **words, bool lock)
 {
+    APC_STORE_PASS(store, pace, pace_of(inner, words, lock));
     const int rc = apc_store_enter(store, NULL, 0);
     *words = NULL;
     if (rc < 0 || !store->ops->pace) {
         return rc;
     }
     return store->ops->pace(store, words, lock);
+}
+
+static void pace_unlock(struct apc_store *store)
+{
+    while (!store->ops->unlock) {
+        store = store->inner;
+    }
+    store->ops->unlock(store);
 }
 
 int apc_store_clock(struct apc_store *store, struct apc_store_clock *clock)
@@ -63,7 +72,7 @@ static int order_pace(struct apc_store *store, double asked, uint64_t steps, apc
         atomic_store_explicit(&words->rewind, (uint64_t)rewind, memory_order_relaxed);
     }
     if (rc > 0) {
-        store->ops->unlock(store);
+        pace_unlock(store);
     }
     return rc < 0 || simulated
                ? (rc < 0 ? rc : 0)
@@ -89,6 +98,7 @@ int apc_store_rewind(struct apc_store *store, apc_ns to)
 
 int apc_store_follow(struct apc_store *store)
 {
+    APC_STORE_PASS(store, follow, apc_store_follow(inner));
     struct apc_store_clock clock = {.size = sizeof clock};
     const int rc = apc_store_clock(store, &clock);
     return rc > 0 ? store->ops->follow(store) : rc;
@@ -120,7 +130,7 @@ int apc_store_end_tick(struct apc_store *store, apc_ns now, double reached)
     atomic_store_explicit(&words->now, (uint64_t)now, memory_order_relaxed);
     if (held) {
         atomic_store_explicit(&words->steps, steps > 0 ? steps - 1 : 0, memory_order_relaxed);
-        store->ops->unlock(store);
+        pace_unlock(store);
     }
     return 0;
 }

@@ -38,6 +38,7 @@ struct apc_store_ops;
 /** A store's own struct begins with it. */
 struct apc_store {
     const struct apc_store_ops *ops;
+    struct apc_store *inner; /* behind it, if there is one: it does what this one has no operation for */
     struct apc_store_config config;
     struct apc_error why;
     struct apc_store_stats stats;
@@ -58,6 +59,8 @@ struct apc_store_ops {
     int (*open)(struct apc_store **store, const char *uri, const struct apc_store_config *config,
                 struct apc_error *why);
     void (*close)(struct apc_store *store);
+    /* What the store behind it answered to a call that began then; NULL: its text is this one's. */
+    int (*answered)(struct apc_store *store, int rc, apc_ns began);
     bool (*connected)(const struct apc_store *store);
     void (*stats)(const struct apc_store *store, struct apc_store_stats *stats); /* NULL: store->stats */
     int (*version)(const struct apc_store *store); /* when connected; NULL: always apc_store_version() */
@@ -90,8 +93,7 @@ struct apc_store_ops {
     int (*holder)(struct apc_store *store, const struct apc_sample *variable,
                   uint64_t *holder); /* may be NULL */
     int (*seize)(struct apc_store *store, struct apc_sample *variables, size_t n,
-                 uint64_t holder);                      /* with it */
-    uint64_t (*claimed)(const struct apc_store *store); /* NULL: store->claim */
+                 uint64_t holder); /* with it */
     int (*author)(struct apc_store *store, const char *name);
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
@@ -184,8 +186,21 @@ static inline apc_ns apc_table_kept(const struct apc_retention *keep, enum apc_t
 
 /* ---- store.c --------------------------------------------------------------------------------- */
 
+/** A public function begins with it where an operation may be left to the store behind, @p call, which checks. */
+#define APC_STORE_PASS(store, operation, call)                                                               \
+    do {                                                                                                     \
+        if ((store) && !(store)->ops->operation && (store)->inner && !(store)->streaming) {                  \
+            struct apc_store *inner = (store)->inner;                                                        \
+            const apc_ns pass_began = apc_clock_mono(NULL);                                                  \
+            return apc_store_passed((store), (call), pass_began);                                            \
+        }                                                                                                    \
+    } while (0)
+int apc_store_passed(struct apc_store *store, int rc, apc_ns began);
+
 /** Every operation begins with it: the store can be used, @p array holds @p n. Returns 0 or an error. */
 int apc_store_enter(struct apc_store *store, const void *array, size_t n);
+/** Every one that changes something: the same, and it is no past. */
+int apc_store_enter_change(struct apc_store *store, const void *array, size_t n);
 int apc_store_check_variable(struct apc_store *store, enum apc_table table, int id);
 /** @p range may be NULL; has_fn: there is a function for the rows. */
 int apc_store_check_range(struct apc_store *store, const struct apc_range *range, bool has_fn);

@@ -25,7 +25,8 @@ const char *apc_store_error(const struct apc_store *store)
 
 bool apc_store_connected(const struct apc_store *store)
 {
-    return store && store->ops->connected(store);
+    return store &&
+           (store->ops->connected ? store->ops->connected(store) : apc_store_connected(store->inner));
 }
 
 apc_ns apc_store_now(const struct apc_store *store)
@@ -38,6 +39,9 @@ void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stat
     struct apc_store_stats all = {.size = 0};
     if (store && store->ops->stats) {
         store->ops->stats(store, &all);
+    } else if (store && store->inner) {
+        all.size = sizeof all;
+        apc_store_stats(store->inner, &all);
     } else if (store) {
         all = store->stats;
     }
@@ -55,9 +59,16 @@ int apc_store_version(void)
 
 int apc_store_tables_version(const struct apc_store *store)
 {
-    return !store || !store->ops->connected(store) ? 0
-           : store->ops->version                   ? store->ops->version(store)
-                                                   : apc_store_version();
+    return store && store->inner         ? apc_store_tables_version(store->inner)
+           : !apc_store_connected(store) ? 0
+           : store->ops->version         ? store->ops->version(store)
+                                         : apc_store_version();
+}
+
+int apc_store_passed(struct apc_store *store, int rc, apc_ns began)
+{
+    store->why = store->inner->why;
+    return store->ops->answered ? store->ops->answered(store, rc, began) : rc;
 }
 
 /* ---- Checks ------------------------------------------------------------------------------- */
@@ -80,6 +91,16 @@ int apc_store_enter(struct apc_store *store, const void *array, size_t n)
         return apc_fail(&store->why, APC_EINVAL, "%zu expected, but the array is NULL", n);
     }
     return 0;
+}
+
+int apc_store_enter_change(struct apc_store *store, const void *array, size_t n)
+{
+    char time[APC_TIME_LEN];
+    const int err = apc_store_enter(store, array, n);
+    return err || store->instant == 0 ? err
+                                      : apc_fail(&store->why, APC_EPERM,
+                                                 "this is the plant as of %s, and nobody can change the past",
+                                                 apc_time_format(store->instant, time));
 }
 
 int apc_store_check_variable(struct apc_store *store, enum apc_table table, int id)
@@ -183,12 +204,14 @@ int apc_store_check_range(struct apc_store *store, const struct apc_range *range
 
 int apc_store_connect(struct apc_store *store)
 {
+    APC_STORE_PASS(store, connect, apc_store_connect(inner));
     int err = apc_store_enter(store, NULL, 0);
     return err ? err : store->ops->connect(store);
 }
 
 int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
+    APC_STORE_PASS(store, read, apc_store_read(inner, samples, n));
     int err = apc_store_enter(store, samples, n);
     if (!err) {
         err = check_variable_names(store, samples, n);
@@ -198,7 +221,8 @@ int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n
 
 int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    int err = apc_store_enter(store, samples, n);
+    APC_STORE_PASS(store, append, apc_store_append(inner, samples, n));
+    int err = apc_store_enter_change(store, samples, n);
     if (!err) {
         err = check_samples(store, samples, n);
     }
@@ -208,7 +232,8 @@ int apc_store_append(struct apc_store *store, const struct apc_sample *samples, 
 /* A set that is the first ids of a table, as those who have one writer a table claim it. */
 int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
 {
-    int err = apc_store_enter(store, last, n);
+    APC_STORE_PASS(store, claim_set, apc_store_claim(inner, table, n, last));
+    int err = apc_store_enter_change(store, last, n);
     if (!err) {
         err = apc_store_check_variable(store, table, 0);
     }
@@ -232,7 +257,7 @@ int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int
 
 static int check_set(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
-    int err = apc_store_enter(store, variables, n);
+    int err = apc_store_enter_change(store, variables, n);
     for (size_t i = 0; !err && i < n; i++) {
         err = apc_store_check_variable(store, variables[i].table, variables[i].id);
     }
@@ -241,6 +266,7 @@ static int check_set(struct apc_store *store, const struct apc_sample *variables
 
 int apc_store_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n)
 {
+    APC_STORE_PASS(store, claim_set, apc_store_claim_set(inner, variables, n));
     int err = check_set(store, variables, n);
     if (err || n == 0) {
         return err;
@@ -250,6 +276,7 @@ int apc_store_claim_set(struct apc_store *store, struct apc_sample *variables, s
 
 int apc_store_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
+    APC_STORE_PASS(store, release, apc_store_release(inner, variables, n));
     int err = check_set(store, variables, n);
     if (err || n == 0) {
         return err;
@@ -280,7 +307,7 @@ int apc_store_holder(struct apc_store *store, const struct apc_sample *variable,
 
 uint64_t apc_store_claimed(const struct apc_store *store)
 {
-    return store->ops->claimed ? store->ops->claimed(store) : store->claim;
+    return store->inner ? apc_store_claimed(store->inner) : store->claim;
 }
 
 int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder)
@@ -296,7 +323,7 @@ int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_
 
 static int check_put(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    int err = apc_store_enter(store, samples, n);
+    int err = apc_store_enter_change(store, samples, n);
     if (!err && n > PUT_MAX) {
         err = apc_fail(&store->why, APC_EINVAL, "%zu values at once are too many: at most %d", n, PUT_MAX);
     }
@@ -351,6 +378,7 @@ static int find_loops(struct apc_store *store, const struct apc_sample *samples,
 
 int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
+    APC_STORE_PASS(store, put, apc_store_put(inner, samples, n));
     int err = check_put(store, samples, n);
     if (!err) {
         err = find_loops(store, samples, n);
@@ -360,8 +388,9 @@ int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 
 int apc_store_author(struct apc_store *store, const char *name)
 {
+    APC_STORE_PASS(store, author, apc_store_author(inner, name));
     char clean[APC_AUTHOR_LEN];
-    int err = apc_store_enter(store, name, 1);
+    int err = apc_store_enter_change(store, name, 1);
     if (!err && (name[0] == '\0' || strnlen(name, sizeof clean) == sizeof clean)) {
         err = apc_fail(&store->why, APC_EINVAL, "an author's name has 1 to %d bytes", APC_AUTHOR_LEN - 1);
     }
@@ -370,6 +399,7 @@ int apc_store_author(struct apc_store *store, const char *name)
 
 int apc_store_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
 {
+    APC_STORE_PASS(store, author_name, apc_store_author_name(inner, number, name));
     int err = apc_store_enter(store, name, 1);
     if (err) {
         return err;
@@ -382,6 +412,7 @@ int apc_store_author_name(struct apc_store *store, uint32_t number, char name[AP
 
 int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
+    APC_STORE_PASS(store, swap, apc_store_swap(inner, samples, n));
     int err = check_put(store, samples, n);
     for (size_t i = 0; !err && i < n; i++) {
         if (samples[i].seq < 0) {
@@ -411,6 +442,7 @@ static int enter_rows(struct apc_store *store, const struct apc_rows *rows)
 
 int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows)
 {
+    APC_STORE_PASS(store, read_rows, apc_store_read_rows(inner, rows));
     int err = enter_rows(store, rows);
     if (!err) {
         err = check_variable_names(store, rows->sample, rows->n_samples);
@@ -485,7 +517,11 @@ static int keep_seqs(struct apc_store *store, const struct apc_rows *rows)
 
 int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
 {
-    int err = enter_rows(store, rows);
+    APC_STORE_PASS(store, append_rows, apc_store_append_rows(inner, rows));
+    int err = apc_store_enter_change(store, NULL, 0);
+    if (!err) {
+        err = enter_rows(store, rows);
+    }
     for (size_t i = 0; !err && i < rows->n_samples; i++) {
         err = check_row(store, &rows->sample[i]);
     }
@@ -509,6 +545,7 @@ int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
 int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                       apc_vector_fn fn, void *ctx)
 {
+    APC_STORE_PASS(store, vectors, apc_store_vectors(inner, table, id, range, fn, ctx));
     int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = check_kind(store, table, id, true);
@@ -521,7 +558,8 @@ int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, con
 
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
-    int err = apc_store_enter(store, seen, n);
+    APC_STORE_PASS(store, wait, apc_store_wait(inner, seen, n, timeout));
+    int err = apc_store_enter_change(store, seen, n);
     for (size_t i = 0; !err && i < n; i++) {
         err = apc_store_check_variable(store, seen[i].table, seen[i].id);
     }
@@ -533,6 +571,7 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
 
 int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
 {
+    APC_STORE_PASS(store, variables, apc_store_variables(inner, variables, capacity));
     int err = apc_store_enter(store, variables, capacity);
     return err ? err : store->ops->variables(store, variables, capacity);
 }
@@ -540,6 +579,7 @@ int apc_store_variables(struct apc_store *store, struct apc_sample *variables, s
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                       apc_sample_fn fn, void *ctx)
 {
+    APC_STORE_PASS(store, history, apc_store_history(inner, table, id, range, fn, ctx));
     int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = check_kind(store, table, id, false);
@@ -553,6 +593,7 @@ int apc_store_history(struct apc_store *store, enum apc_table table, int id, con
 int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                            size_t n, apc_history_bin_fn fn, void *ctx)
 {
+    APC_STORE_PASS(store, history_bins, apc_store_history_bins(inner, table, id, since, until, n, fn, ctx));
     int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = check_kind(store, table, id, false);
@@ -571,14 +612,16 @@ int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id
 
 int apc_store_init(struct apc_store *store)
 {
-    int err = apc_store_enter(store, NULL, 0);
+    APC_STORE_PASS(store, init, apc_store_init(inner));
+    int err = apc_store_enter_change(store, NULL, 0);
     return err ? err : store->ops->init(store);
 }
 
 int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
+    APC_STORE_PASS(store, maintain, apc_store_maintain(inner, keep));
     struct apc_retention k = {0};
-    int err = apc_store_enter(store, NULL, 0);
+    int err = apc_store_enter_change(store, NULL, 0);
     if (!err) {
         err = apc_options_copy(&k, sizeof k, keep, "apc_retention", &store->why);
     }

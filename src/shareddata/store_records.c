@@ -53,13 +53,13 @@ int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const cha
 
 int apc_store_keep_history(struct apc_store *store)
 {
-    int err = apc_store_enter(store, NULL, 0);
+    int err = apc_store_enter_change(store, NULL, 0);
     return err || !store->ops->keep_history ? err : store->ops->keep_history(store);
 }
 
 int apc_store_is_history(struct apc_store *store)
 {
-    int err = apc_store_enter(store, NULL, 0);
+    int err = apc_store_enter_change(store, NULL, 0);
     return err || !store->ops->is_history ? err : store->ops->is_history(store);
 }
 
@@ -129,9 +129,10 @@ int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size
 
 int apc_store_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue)
 {
+    APC_STORE_PASS(store, describe, apc_store_describe(inner, tags, n, catalogue));
     const size_t length = catalogue ? strnlen(catalogue, APC_CATALOGUE_MAX + 1) : 0;
     char *text = NULL;
-    int err = apc_store_enter(store, tags, n);
+    int err = apc_store_enter_change(store, tags, n);
     for (size_t i = 0; !err && i < n; i++) {
         err = check_tag(store, &tags[i]);
     }
@@ -159,6 +160,7 @@ static int enter_catalogue(struct apc_store *store, char *text, size_t size)
 
 int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
 {
+    APC_STORE_PASS(store, catalogue, apc_store_catalogue(inner, text, size, revision));
     int64_t none;
     int err = enter_catalogue(store, text, size);
     return err ? err : store->ops->catalogue(store, text, text ? size : 0, revision ? revision : &none);
@@ -166,6 +168,7 @@ int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_
 
 int apc_store_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision)
 {
+    APC_STORE_PASS(store, catalogue_at, apc_store_catalogue_at(inner, time, text, size, revision));
     int err = store->ops->catalogue_at ? enter_catalogue(store, text, size) : 0;
     return err                        ? err
            : store->ops->catalogue_at ? store->ops->catalogue_at(store, time, text, size, revision)
@@ -174,6 +177,7 @@ int apc_store_catalogue_at(struct apc_store *store, apc_ns time, char *text, siz
 
 int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
 {
+    APC_STORE_PASS(store, get_tags, apc_store_get_tags(inner, tags, capacity));
     int n = apc_store_enter(store, tags, capacity);
     n = n ? n : store->ops->get_tags(store, tags, capacity);
     for (int i = 0; i < n && (size_t)i < capacity; i++) {
@@ -195,6 +199,7 @@ int apc_store_behind(struct apc_store *store, struct apc_behind *behind)
 
 int apc_store_room(struct apc_store *store, struct apc_store_room *room)
 {
+    APC_STORE_PASS(store, room, apc_store_room(inner, room));
     struct apc_store_room all = {.size = 0};
     int err = apc_store_enter(store, room, 1);
     if (!err && store->ops->room) {
@@ -206,7 +211,8 @@ int apc_store_room(struct apc_store *store, struct apc_store_room *room)
 
 int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
-    int err = apc_store_enter(store, events, n);
+    APC_STORE_PASS(store, append_events, apc_store_append_events(inner, events, n));
+    int err = apc_store_enter_change(store, events, n);
     for (size_t i = 0; !err && i < n; i++) {
         if (events[i].severity < APC_EVENT_INFO || events[i].severity > APC_EVENT_ALARM) {
             err = apc_fail(&store->why, APC_EINVAL, "%d is no severity of an event", (int)events[i].severity);
@@ -227,6 +233,7 @@ static int give_checked_event(void *ctx, const struct apc_event *event)
 
 int apc_store_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
+    APC_STORE_PASS(store, events, apc_store_events(inner, range, fn, ctx));
     struct reading to = {.event = fn, .ctx = ctx};
     int err = apc_store_enter(store, NULL, 0);
     if (!err) {
@@ -256,7 +263,8 @@ static int check_timing(struct apc_store *store, const struct apc_timing_row *r)
 
 int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
-    int err = apc_store_enter(store, rows, n);
+    APC_STORE_PASS(store, append_timing, apc_store_append_timing(inner, rows, n));
+    int err = apc_store_enter_change(store, rows, n);
     for (size_t i = 0; !err && i < n; i++) {
         err = check_timing(store, &rows[i]);
     }
@@ -273,6 +281,7 @@ static int give_checked_timing(void *ctx, const struct apc_timing_row *row)
 
 int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
+    APC_STORE_PASS(store, timing, apc_store_timing(inner, range, fn, ctx));
     struct reading to = {.timing = fn, .ctx = ctx};
     int err = apc_store_enter(store, NULL, 0);
     if (!err) {

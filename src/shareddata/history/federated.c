@@ -50,8 +50,8 @@ static int check_same_experiment(struct apc_federated *s)
     size_t n_live = 0, n_history = 0;
     struct apc_error why = {""};
     const apc_ns began = apc_clock_mono(NULL);
-    int rc = apc_tags_load(s->live, &live, &n_live);
-    why = s->live->why;
+    int rc = apc_tags_load(s->base.inner, &live, &n_live);
+    why = s->base.inner->why;
     if (rc == 0) {
         rc = apc_tags_load(s->history, &history, &n_history);
         why = s->history->why;
@@ -100,9 +100,9 @@ static int history_reach(struct apc_federated *s, enum apc_table table, int id, 
     if (rc < 0) {
         return apc_federated_answered(s, rc, began, s->history->why.text);
     }
-    rc = newest_seq(s->live, table, id, &live);
+    rc = newest_seq(s->base.inner, table, id, &live);
     if (rc < 0) {
-        return apc_fail(&s->base.why, rc, "the history is left out: %s", s->live->why.text);
+        return apc_fail(&s->base.why, rc, "the history is left out: %s", s->base.inner->why.text);
     }
     if (live > 0 && *seq > live) {
         char text[160];
@@ -175,7 +175,7 @@ static int stream(struct apc_store *store, enum apc_table table, int id, const s
 static int is_live(struct apc_federated *s, enum apc_table table, int id, const struct apc_range *range)
 {
     struct stream oldest = {.one = true}, rows = {0};
-    int rc = stream(s->live, table, id, NULL, &oldest);
+    int rc = stream(s->base.inner, table, id, NULL, &oldest);
     if (rc <= 0) {
         return rc;
     }
@@ -183,7 +183,7 @@ static int is_live(struct apc_federated *s, enum apc_table table, int id, const 
         (range->since != 0 && range->since > oldest.since)) {
         return 1;
     }
-    rc = range->last > 0 ? stream(s->live, table, id, range, &rows) : 0;
+    rc = range->last > 0 ? stream(s->base.inner, table, id, range, &rows) : 0;
     return rc < 0 ? rc : range->last > 0 && rows.n == range->last;
 }
 
@@ -198,9 +198,9 @@ static int find_first(struct apc_federated *s, enum apc_table table, int id, str
         struct stream new = {0};
         end = moved;
         tail.after = end > range->after ? end : range->after;
-        rc = stream(s->live, table, id, &tail, &new);
+        rc = stream(s->base.inner, table, id, &tail, &new);
         if (rc < 0) {
-            return apc_fail(&s->base.why, rc, "the history is left out: %s", s->live->why.text);
+            return apc_fail(&s->base.why, rc, "the history is left out: %s", s->base.inner->why.text);
         }
         old = (struct stream){.one = true};
         head.last = range->last - (new.n < range->last ? new.n : range->last - 1);
@@ -223,7 +223,7 @@ static int federated_rows(struct apc_federated *s, enum apc_table table, int id,
     const int reached = is_live(s, table, id, asked);
     int rc = reached;
     if (rc < 0) {
-        s->base.why = s->live->why;
+        s->base.why = s->base.inner->why;
     } else if (rc == 0 && apc_federated_has_history(s)) {
         rc = range.last > 0 ? find_first(s, table, id, &range) : history_reach(s, table, id, &end);
         if (rc == 0) {
@@ -239,9 +239,9 @@ static int federated_rows(struct apc_federated *s, enum apc_table table, int id,
         x->mark = 0;
         range = *asked;
         range.after = x->last > range.after ? x->last : range.after;
-        rc = stream(s->live, table, id, &range, x);
+        rc = stream(s->base.inner, table, id, &range, x);
         if (rc < 0) {
-            s->base.why = s->live->why;
+            s->base.why = s->base.inner->why;
         }
     }
     s->base.streaming = false;
@@ -266,9 +266,9 @@ static int live_bins(struct apc_federated *s, enum apc_table table, int id, apc_
                      size_t n, apc_history_bin_fn fn, void *ctx)
 {
     s->base.streaming = true;
-    const int count = apc_store_history_bins(s->live, table, id, since, until, n, fn, ctx);
+    const int count = apc_store_history_bins(s->base.inner, table, id, since, until, n, fn, ctx);
     s->base.streaming = false;
-    s->base.why = count < 0 ? s->live->why : s->base.why;
+    s->base.why = count < 0 ? s->base.inner->why : s->base.why;
     return count;
 }
 
@@ -282,7 +282,7 @@ static int federated_history_bins(struct apc_store *store, enum apc_table table,
     int64_t end = 0;
     const int reached = is_live(s, table, id, &range);
     if (reached < 0) {
-        store->why = s->live->why;
+        store->why = s->base.inner->why;
         return reached;
     }
     if (reached > 0 || !apc_federated_has_history(s) || history_reach(s, table, id, &end) < 0) {
@@ -299,9 +299,9 @@ static int federated_history_bins(struct apc_store *store, enum apc_table table,
         return bins.bin ? live_bins(s, table, id, since, until, n, fn, ctx) : rc;
     }
     range.after = bins.last;
-    rc = apc_store_history(s->live, table, id, &range, apc_bins_add, &bins);
+    rc = apc_store_history(s->base.inner, table, id, &range, apc_bins_add, &bins);
     if (rc < 0) {
-        store->why = s->live->why;
+        store->why = s->base.inner->why;
     }
     rc = rc < 0 ? rc : apc_bins_give(store, &bins, fn, ctx);
     free(bins.bin);
@@ -331,7 +331,7 @@ static int federated_newest_within(struct apc_store *store, struct apc_sample *s
 static int federated_variables(struct apc_store *store, struct apc_sample *into, size_t capacity)
 {
     struct apc_federated *s = federated_of(store);
-    int n_live = apc_store_variables(s->live, NULL, 0), n_history = 0, n = 0;
+    int n_live = apc_store_variables(s->base.inner, NULL, 0), n_history = 0, n = 0;
     const apc_ns began = apc_clock_mono(NULL);
     if (n_live >= 0 && apc_federated_has_history(s)) {
         n_history = apc_store_variables(s->history, NULL, 0);
@@ -342,9 +342,9 @@ static int federated_variables(struct apc_store *store, struct apc_sample *into,
     if (!all) {
         return apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu variables", room);
     }
-    const int had = n_live < 0 ? n_live : apc_store_variables(s->live, all, (size_t)n_live);
+    const int had = n_live < 0 ? n_live : apc_store_variables(s->base.inner, all, (size_t)n_live);
     if (had < 0) {
-        store->why = s->live->why;
+        store->why = s->base.inner->why;
         free(all);
         return had;
     }
@@ -409,15 +409,15 @@ static void compare_newest(int64_t first, const struct apc_sample *live, const s
 /* The live store first: what it gets meanwhile is not what the history should have. */
 static int measure_lag(struct apc_federated *s, struct apc_behind *behind)
 {
-    const int most = apc_store_variables(s->live, NULL, 0);
+    const int most = apc_store_variables(s->base.inner, NULL, 0);
     const size_t n = most > 0 ? (size_t)most : 0;
     struct apc_sample *at = (struct apc_sample *)calloc(3 * n + 1, sizeof *at);
     struct apc_vector *vector = (struct apc_vector *)calloc(n + 1, sizeof *vector);
     int rc = at && vector ? most : apc_fail(&s->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
-    rc = rc > 0 ? apc_store_variables(s->live, at, n) : rc;
-    rc = rc > 0 ? read_newest_of_all(s->live, at, n, at + n, vector) : rc;
+    rc = rc > 0 ? apc_store_variables(s->base.inner, at, n) : rc;
+    rc = rc > 0 ? read_newest_of_all(s->base.inner, at, n, at + n, vector) : rc;
     if (rc < 0 && rc != APC_ENOMEM) {
-        s->base.why = s->live->why;
+        s->base.why = s->base.inner->why;
     }
     const apc_ns began = apc_clock_mono(NULL);
     if (rc == 0 && n > 0) {
@@ -425,16 +425,11 @@ static int measure_lag(struct apc_federated *s, struct apc_behind *behind)
         rc = apc_federated_answered(s, rc, began, s->history->why.text);
     }
     if (rc == 0) {
-        compare_newest(apc_store_first(s->live), at + n, at + 2 * n, n, behind);
+        compare_newest(apc_store_first(s->base.inner), at + n, at + 2 * n, n, behind);
     }
     free(at);
     free(vector);
     return rc;
-}
-
-static uint64_t federated_number_of_claim(const struct apc_store *store)
-{
-    return apc_store_claimed(((const struct apc_federated *)store)->live);
 }
 
 static int behind_of(struct apc_store *store, struct apc_behind *behind)
@@ -448,78 +443,11 @@ static int behind_of(struct apc_store *store, struct apc_behind *behind)
 
 #define LIVE(store, call)                                                                                    \
     do {                                                                                                     \
-        struct apc_store *live = federated_of(store)->live;                                                  \
+        struct apc_store *live = (store)->inner;                                                             \
         const int live_rc = (call);                                                                          \
         (store)->why = live->why;                                                                            \
         return live_rc;                                                                                      \
     } while (0)
-
-static int federated_connect(struct apc_store *store)
-{
-    LIVE(store, apc_store_connect(live));
-}
-
-static bool federated_connected(const struct apc_store *store)
-{
-    return apc_store_connected(((const struct apc_federated *)store)->live);
-}
-
-static void federated_stats(const struct apc_store *store, struct apc_store_stats *all)
-{
-    all->size = sizeof *all;
-    apc_store_stats(((const struct apc_federated *)store)->live, all);
-}
-
-static int federated_version(const struct apc_store *store)
-{
-    return apc_store_tables_version(((const struct apc_federated *)store)->live);
-}
-
-static int federated_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
-{
-    LIVE(store, apc_store_read(live, samples, n));
-}
-
-static int federated_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
-{
-    LIVE(store, apc_store_append(live, samples, n));
-}
-
-static int federated_put(struct apc_store *store, struct apc_sample *samples, size_t n)
-{
-    LIVE(store, apc_store_put(live, samples, n));
-}
-
-static int federated_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
-{
-    LIVE(store, apc_store_swap(live, samples, n));
-}
-
-static int federated_wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n,
-                                 apc_ns timeout)
-{
-    LIVE(store, apc_store_wait(live, seen, n, timeout));
-}
-
-static int federated_read_rows(struct apc_store *store, struct apc_rows *all)
-{
-    LIVE(store, apc_store_read_rows(live, all));
-}
-
-static int federated_append_rows(struct apc_store *store, const struct apc_rows *all)
-{
-    LIVE(store, apc_store_append_rows(live, all));
-}
-
-static int claim_set(struct apc_store *store, struct apc_sample *claimed, size_t n)
-{
-    LIVE(store, apc_store_claim_set(live, claimed, n));
-}
-
-static int federated_release(struct apc_store *store, const struct apc_sample *claimed, size_t n)
-{
-    LIVE(store, apc_store_release(live, claimed, n));
-}
 
 static int federated_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder)
 {
@@ -529,11 +457,6 @@ static int federated_holder(struct apc_store *store, const struct apc_sample *va
 static int federated_seize(struct apc_store *store, struct apc_sample *seized, size_t n, uint64_t holder)
 {
     LIVE(store, apc_store_seize(live, seized, n, holder));
-}
-
-static int federated_author(struct apc_store *store, const char *name)
-{
-    LIVE(store, apc_store_author(live, name));
 }
 
 static int federated_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
@@ -547,21 +470,6 @@ static int federated_author_name(struct apc_store *store, uint32_t number, char 
     LIVE(store, apc_store_author_name(live, number, name));
 }
 
-static int federated_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
-{
-    LIVE(store, apc_store_get_tags(live, tags, capacity));
-}
-
-static int federated_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
-{
-    LIVE(store, apc_store_describe(live, tags, n, text));
-}
-
-static int federated_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
-{
-    LIVE(store, apc_store_catalogue(live, text, size, revision));
-}
-
 /* Former ones are the history's. */
 static int federated_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size,
                                   int64_t *revision)
@@ -572,56 +480,10 @@ static int federated_catalogue_at(struct apc_store *store, apc_ns time, char *te
     int rc =
         apc_federated_has_history(s) ? apc_store_catalogue_at(s->history, time, text, size, revision) : 0;
     rc = rc < 0 ? apc_federated_answered(s, rc, began, s->history->why.text) : rc;
-    return rc >= 0 && *revision > 0 ? rc : federated_catalogue(store, text, size, revision);
-}
-
-static int federated_append_events(struct apc_store *store, const struct apc_event *event, size_t n)
-{
-    LIVE(store, apc_store_append_events(live, event, n));
-}
-
-static int federated_append_timing(struct apc_store *store, const struct apc_timing_row *row, size_t n)
-{
-    LIVE(store, apc_store_append_timing(live, row, n));
-}
-
-static int federated_init(struct apc_store *store)
-{
-    LIVE(store, apc_store_init(live));
-}
-
-static int federated_maintain(struct apc_store *store, const struct apc_retention *keep)
-{
-    struct apc_retention sized = *keep; /* 0, where nothing is to be dropped */
-    sized.size = sizeof sized;
-    LIVE(store, apc_store_maintain(live, &sized));
-}
-
-static int federated_room(struct apc_store *store, struct apc_store_room *room)
-{
-    room->size = sizeof *room;
-    LIVE(store, apc_store_room(live, room));
-}
-
-/* The live store's. */
-static int federated_pace(struct apc_store *store, struct apc_store_pace **words, bool lock)
-{
-    *words = NULL;
-    if (!federated_of(store)->live->ops->pace) {
-        return 0;
+    if (rc >= 0 && *revision > 0) {
+        return rc;
     }
-    LIVE(store, live->ops->pace(live, words, lock));
-}
-
-static void federated_unlock(struct apc_store *store)
-{
-    struct apc_store *live = federated_of(store)->live;
-    live->ops->unlock(live);
-}
-
-static int federated_follow(struct apc_store *store)
-{
-    LIVE(store, live->ops->follow(live));
+    LIVE(store, apc_store_catalogue(live, text, size, revision));
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -629,53 +491,26 @@ static int federated_follow(struct apc_store *store)
 static void federated_close(struct apc_store *store)
 {
     struct apc_federated *s = federated_of(store);
-    apc_store_close(s->live);
+    apc_store_close(s->base.inner);
     apc_store_close(s->history);
     free(s);
 }
 
 static const struct apc_store_ops federated_store = {
     .scheme = "",
-    .spreads = true,
     .close = federated_close,
-    .connected = federated_connected,
-    .stats = federated_stats,
-    .version = federated_version,
-    .connect = federated_connect,
-    .read = federated_read_newest,
-    .append = federated_append,
-    .put = federated_put,
-    .swap = federated_swap,
-    .wait = federated_wait_change,
     .variables = federated_variables,
     .history = federated_history,
     .history_bins = federated_history_bins,
     .newest_within = federated_newest_within,
-    .get_tags = federated_get_tags,
-    .append_events = federated_append_events,
     .events = apc_federated_events,
-    .append_timing = federated_append_timing,
     .timing = apc_federated_timing,
-    .read_rows = federated_read_rows,
-    .append_rows = federated_append_rows,
     .vectors = federated_vectors,
-    .claim_set = claim_set,
-    .release = federated_release,
     .holder = federated_holder,
     .seize = federated_seize,
-    .author = federated_author,
     .author_name = federated_author_name,
-    .describe = federated_describe,
-    .catalogue = federated_catalogue,
     .catalogue_at = federated_catalogue_at,
-    .claimed = federated_number_of_claim,
     .behind = behind_of,
-    .room = federated_room,
-    .pace = federated_pace,
-    .unlock = federated_unlock,
-    .follow = federated_follow,
-    .init = federated_init,
-    .maintain = federated_maintain,
 };
 
 int apc_federated_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history_of_it,
@@ -689,7 +524,7 @@ int apc_federated_wrap(struct apc_store **store, struct apc_store *live, struct 
     }
     s->base.ops = &federated_store;
     s->base.config = live->config;
-    s->live = live;
+    s->base.inner = live;
     s->history = history_of_it;
     *store = &s->base;
     return 0;

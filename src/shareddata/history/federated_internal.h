@@ -7,8 +7,8 @@
 #include "shareddata/history/federated.h"
 
 struct apc_federated {
-    struct apc_store base;
-    struct apc_store *live, *history;
+    struct apc_store base; /* before the live one */
+    struct apc_store *history;
     bool checked;       /* the history is of this experiment */
     apc_ns quiet_until; /* monotonic: it is left alone so long */
     unsigned away;      /* times in a row that it was */

@@ -170,11 +170,11 @@ static int records(struct apc_federated *s, struct records *x, const struct apc_
     struct apc_range range = *asked;
     range.last = 0;
     s->base.streaming = true;
-    int rc = go(x, s->live, &range, NOTE);
+    int rc = go(x, s->base.inner, &range, NOTE);
     if (rc >= 0 && x->failed) {
         rc = apc_fail(&s->base.why, APC_ENOMEM, "out of memory for %zu records", x->n);
     } else if (rc < 0) {
-        s->base.why = s->live->why;
+        s->base.why = s->base.inner->why;
     }
     if (rc >= 0 && range.after == 0 && apc_federated_has_history(s)) {
         give_old(s, x, asked);
@@ -182,8 +182,8 @@ static int records(struct apc_federated *s, struct records *x, const struct apc_
     if (rc >= 0 && !x->ended) {
         const size_t new = count_new(x);
         x->skip = asked->last > 0 && new > asked->last ? new - asked->last + 1 : 0;
-        rc = go(x, s->live, &range, GIVE_NEW);
-        s->base.why = rc < 0 ? s->live->why : s->base.why;
+        rc = go(x, s->base.inner, &range, GIVE_NEW);
+        s->base.why = rc < 0 ? s->base.inner->why : s->base.why;
     }
     s->base.streaming = false;
     free(x->mark);

@@ -353,69 +353,6 @@ static int past_version(const struct apc_store *store)
     return apc_store_tables_version(((const struct past *)store)->of);
 }
 
-/* ---- What is not possible -------------------------------------------------------------------- */
-
-static int refuse(struct apc_store *store)
-{
-    char time[APC_TIME_LEN];
-    return apc_fail(&store->why, APC_EPERM, "this is the plant as of %s, and nobody can change the past",
-                    apc_time_format(store->instant, time));
-}
-
-static int refuse_samples(struct apc_store *store, const struct apc_sample *samples, size_t n)
-{
-    (void)samples, (void)n;
-    return refuse(store);
-}
-
-static int refuse_change(struct apc_store *store, struct apc_sample *samples, size_t n)
-{
-    (void)samples, (void)n;
-    return refuse(store);
-}
-
-static int refuse_rows(struct apc_store *store, const struct apc_rows *rows)
-{
-    (void)rows;
-    return refuse(store);
-}
-
-static int refuse_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
-{
-    (void)seen, (void)n, (void)timeout;
-    return refuse(store);
-}
-
-static int refuse_events(struct apc_store *store, const struct apc_event *events, size_t n)
-{
-    (void)events, (void)n;
-    return refuse(store);
-}
-
-static int refuse_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
-{
-    (void)rows, (void)n;
-    return refuse(store);
-}
-
-static int refuse_author(struct apc_store *store, const char *name)
-{
-    (void)name;
-    return refuse(store);
-}
-
-static int refuse_tags(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue)
-{
-    (void)tags, (void)n, (void)catalogue;
-    return refuse(store);
-}
-
-static int refuse_maintain(struct apc_store *store, const struct apc_retention *keep)
-{
-    (void)keep;
-    return refuse(store);
-}
-
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 static void close_past(struct apc_store *store)
@@ -425,38 +362,22 @@ static void close_past(struct apc_store *store)
 
 static const struct apc_store_ops past_store = {
     .scheme = "the past",
-    .spreads = true,
     .close = close_past,
     .connected = past_connected,
     .stats = past_stats,
     .version = past_version,
     .connect = past_connect,
     .read = past_read,
-    .append = refuse_samples,
-    .put = refuse_change,
-    .swap = refuse_change,
-    .wait = refuse_wait,
     .variables = past_variables,
     .history = past_history,
     .history_bins = apc_bins_by_history,
     .get_tags = past_get_tags,
-    .append_events = refuse_events,
     .events = past_events,
-    .append_timing = refuse_timing,
     .timing = past_timing,
     .read_rows = past_read_rows,
-    .append_rows = refuse_rows,
     .vectors = past_vectors,
-    .claim_set = refuse_change,
-    .release = refuse_samples,
-    .author = refuse_author,
     .author_name = past_author_name,
-    .describe = refuse_tags,
     .catalogue = past_catalogue,
-    .keep_history = refuse,
-    .is_history = refuse, /* it is asked before a write */
-    .init = refuse,
-    .maintain = refuse_maintain,
 };
 
 int apc_store_past(struct apc_store **past, struct apc_store *store, apc_ns time, struct apc_error *why)

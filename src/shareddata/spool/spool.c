@@ -23,7 +23,6 @@ struct writing {
 
 struct spooling {
     struct apc_store base;
-    struct apc_store *inner;
     struct apc_spool_file file;
     struct apc_spool_batch batch;
     uint64_t unsure;    /* see above; a place in the file */
@@ -75,27 +74,24 @@ apc_ns apc_spool_pause(apc_ns waited, unsigned away, const struct apc_store_conf
 static int note_answer(struct spooling *s, int rc, apc_ns began)
 {
     apc_ns now = apc_clock_mono(NULL);
-    s->base.stats = s->inner->stats;
+    s->base.stats = s->base.inner->stats;
     if (rc >= 0) {
         s->quiet_until = 0;
         s->away = 0;
         return rc;
     }
-    s->base.why = s->inner->why;
+    s->base.why = s->base.inner->why;
     if (is_store_away(rc)) {
-        s->reason = s->inner->why;
+        s->reason = s->base.inner->why;
         s->quiet_until = now + apc_spool_pause(now - began, ++s->away, &s->base.config);
     }
     return rc;
 }
 
-/* One expression that calls the store behind, for operations that are not a tick's. */
-#define PASS(store, call)                                                                                    \
-    do {                                                                                                     \
-        struct apc_store *inner = spooling_of(store)->inner;                                                 \
-        apc_ns pass_began = apc_clock_mono(NULL);                                                            \
-        return note_answer(spooling_of(store), (call), pass_began);                                          \
-    } while (0)
+static int spool_answered(struct apc_store *store, int rc, apc_ns began)
+{
+    return note_answer(spooling_of(store), rc, began);
+}
 
 /* ---- What was seen --------------------------------------------------------------------------- */
 
@@ -138,7 +134,7 @@ static int spool_read_newest(struct apc_store *store, struct apc_sample *samples
 {
     struct spooling *s = spooling_of(store);
     apc_ns began = apc_clock_mono(NULL);
-    int rc = is_quiet(s) ? resting(s) : note_answer(s, apc_store_read(s->inner, samples, n), began);
+    int rc = is_quiet(s) ? resting(s) : note_answer(s, apc_store_read(s->base.inner, samples, n), began);
     if (rc < 0 && !is_store_away(rc)) {
         return rc;
     }
@@ -287,7 +283,7 @@ static int verify_batch(struct spooling *s)
         range.since -= APC_NS_PER_US;
         range.until += APC_NS_PER_US;
         apc_ns began = apc_clock_mono(NULL);
-        int rc = apc_store_history(s->inner, table, id, &range, strike_sample, &standing);
+        int rc = apc_store_history(s->base.inner, table, id, &range, strike_sample, &standing);
         if (rc == APC_EPERM) {
             return b->begin < s->unsure ? 0 : APC_ECONFLICT;
         }
@@ -308,7 +304,7 @@ static int drain_samples(struct spooling *s)
 {
     apc_ns began = apc_clock_mono(NULL);
     size_t n = s->batch.n;
-    int rc = note_answer(s, apc_store_append(s->inner, s->batch.samples, n), began);
+    int rc = note_answer(s, apc_store_append(s->base.inner, s->batch.samples, n), began);
     if (rc < 0 || (size_t)rc == n) {
         return rc;
     }
@@ -340,10 +336,10 @@ static int drain_events(struct spooling *s)
         }
         range.since -= APC_NS_PER_US;
         range.until += APC_NS_PER_US;
-        rc = apc_store_events(s->inner, &range, strike_event, &standing);
+        rc = apc_store_events(s->base.inner, &range, strike_event, &standing);
     }
     if (rc >= 0 || rc == APC_EPERM) {
-        rc = apc_store_append_events(s->inner, b->events, b->n);
+        rc = apc_store_append_events(s->base.inner, b->events, b->n);
     }
     b->n = n;
     return note_answer(s, rc, began);
@@ -362,7 +358,7 @@ static int drain_batch(struct spooling *s)
     }
     if (s->batch.n == 0) { /* only how far the writer was, which the store knows, if it is there */
         apc_ns began = apc_clock_mono(NULL);
-        rc = note_answer(s, apc_store_connect(s->inner), began);
+        rc = note_answer(s, apc_store_connect(s->base.inner), began);
     } else {
         rc = s->batch.kind == APC_SPOOL_EVENTS ? drain_events(s) : drain_samples(s);
     }
@@ -379,7 +375,7 @@ static int claim_pending(struct spooling *s)
         return 0;
     }
     apc_ns began = apc_clock_mono(NULL);
-    int rc = note_answer(s, apc_store_claim_set(s->inner, s->claims.at, s->claims.n), began);
+    int rc = note_answer(s, apc_store_claim_set(s->base.inner, s->claims.at, s->claims.n), began);
     s->pending = rc < 0;
     return rc;
 }
@@ -456,7 +452,7 @@ static int spool_append(struct apc_store *store, const struct apc_sample *sample
     use_up(s, samples, n);
     if (direct) {
         apc_ns began = apc_clock_mono(NULL);
-        rc = note_answer(s, apc_store_append(s->inner, samples, n), began);
+        rc = note_answer(s, apc_store_append(s->base.inner, samples, n), began);
     }
     if (is_store_away(rc)) {
         rc = spool(s, APC_SPOOL_SAMPLES, samples, n, direct);
@@ -474,7 +470,7 @@ static int spool_append_events(struct apc_store *store, const struct apc_event *
     int rc = APC_ECONN;
     if (direct) {
         apc_ns began = apc_clock_mono(NULL);
-        rc = note_answer(s, apc_store_append_events(s->inner, events, n), began);
+        rc = note_answer(s, apc_store_append_events(s->base.inner, events, n), began);
     }
     return is_store_away(rc) ? spool(s, APC_SPOOL_EVENTS, events, n, direct) : rc;
 }
@@ -531,7 +527,7 @@ static int spool_claim(struct apc_store *store, struct apc_sample *variables, si
         return rc;
     }
     apc_ns began = apc_clock_mono(NULL);
-    rc = note_answer(s, apc_store_claim_set(s->inner, variables, n), began);
+    rc = note_answer(s, apc_store_claim_set(s->base.inner, variables, n), began);
     bool trusted = known && is_store_away(rc);
     if (rc < 0 && !trusted) {
         return rc;
@@ -559,15 +555,11 @@ static int spool_claim(struct apc_store *store, struct apc_sample *variables, si
 static int spool_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
     apc_claims_drop(&spooling_of(store)->claims, variables, n);
-    PASS(store, apc_store_release(inner, variables, n));
+    const apc_ns began = apc_clock_mono(NULL);
+    return note_answer(spooling_of(store), apc_store_release(store->inner, variables, n), began);
 }
 
 /* ---- Everything else ------------------------------------------------------------------------ */
-
-static bool spool_connected(const struct apc_store *store)
-{
-    return apc_store_connected(((const struct spooling *)store)->inner);
-}
 
 static int spool_connect(struct apc_store *store)
 {
@@ -576,132 +568,20 @@ static int spool_connect(struct apc_store *store)
         return resting(s);
     }
     apc_ns began = apc_clock_mono(NULL);
-    int rc = note_answer(s, apc_store_connect(s->inner), began);
+    int rc = note_answer(s, apc_store_connect(s->base.inner), began);
     return rc < 0 ? rc : drain_portion(s);
-}
-
-static int spool_put(struct apc_store *store, struct apc_sample *samples, size_t n)
-{
-    PASS(store, apc_store_put(inner, samples, n));
-}
-
-static int spool_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
-{
-    PASS(store, apc_store_swap(inner, samples, n));
-}
-
-static int spool_wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
-{
-    PASS(store, apc_store_wait(inner, seen, n, timeout));
-}
-
-/* They command, so they are not spooled. */
-static int spool_append_rows(struct apc_store *store, const struct apc_rows *rows)
-{
-    PASS(store, apc_store_append_rows(inner, rows));
-}
-
-static int spool_read_rows(struct apc_store *store, struct apc_rows *rows)
-{
-    PASS(store, apc_store_read_rows(inner, rows));
-}
-
-static int spool_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                         apc_vector_fn fn, void *ctx)
-{
-    PASS(store, apc_store_vectors(inner, table, id, range, fn, ctx));
-}
-
-static int spool_variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
-{
-    PASS(store, apc_store_variables(inner, out, capacity));
-}
-
-static int spool_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                         apc_sample_fn fn, void *ctx)
-{
-    PASS(store, apc_store_history(inner, table, id, range, fn, ctx));
-}
-
-static int spool_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since,
-                              apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx)
-{
-    PASS(store, apc_store_history_bins(inner, table, id, since, until, n, fn, ctx));
-}
-
-static int spool_author(struct apc_store *store, const char *name)
-{
-    PASS(store, apc_store_author(inner, name));
-}
-
-static int spool_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
-{
-    PASS(store, apc_store_author_name(inner, number, name));
-}
-
-static int spool_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
-{
-    PASS(store, apc_store_describe(inner, tags, n, text));
-}
-
-static int spool_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
-{
-    PASS(store, apc_store_catalogue(inner, text, size, revision));
-}
-
-static int spool_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size,
-                              int64_t *revision)
-{
-    PASS(store, apc_store_catalogue_at(inner, time, text, size, revision));
-}
-
-static int spool_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
-{
-    PASS(store, apc_store_get_tags(inner, tags, capacity));
-}
-
-static int events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
-{
-    PASS(store, apc_store_events(inner, range, fn, ctx));
-}
-
-static int spool_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
-{
-    PASS(store, apc_store_append_timing(inner, rows, n));
-}
-
-static int timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
-{
-    PASS(store, apc_store_timing(inner, range, fn, ctx));
-}
-
-static int spool_version(const struct apc_store *store)
-{
-    return apc_store_tables_version(((const struct spooling *)store)->inner);
-}
-
-static int spool_init(struct apc_store *store)
-{
-    PASS(store, apc_store_init(inner));
-}
-
-static int spool_maintain(struct apc_store *store, const struct apc_retention *retention)
-{
-    struct apc_retention sized = *retention;
-    sized.size = sizeof sized;
-    PASS(store, apc_store_maintain(inner, &sized));
 }
 
 static void spool_stats(const struct apc_store *store, struct apc_store_stats *out)
 {
     const struct spooling *s = (const struct spooling *)store;
-    *out = s->inner->stats;
+    *out = s->base.inner->stats;
     out->spool = s->file.stats;
 }
 
 static void free_all(struct spooling *s)
 {
-    apc_store_close(s->inner);
+    apc_store_close(s->base.inner);
     for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END; table++) {
         free(s->writing[table].last);
     }
@@ -718,45 +598,17 @@ static void spool_close(struct apc_store *store)
     free_all(spooling_of(store));
 }
 
-static uint64_t spool_number_of_claim(const struct apc_store *store)
-{
-    return apc_store_claimed(((const struct spooling *)store)->inner);
-}
-
 static const struct apc_store_ops spooling_store = {
     .scheme = "",
-    .spreads = true,
     .close = spool_close,
-    .connected = spool_connected,
+    .answered = spool_answered,
     .stats = spool_stats,
     .connect = spool_connect,
     .read = spool_read_newest,
     .append = spool_append,
     .claim_set = spool_claim,
     .release = spool_release,
-    .claimed = spool_number_of_claim,
-    .read_rows = spool_read_rows,
-    .append_rows = spool_append_rows,
-    .vectors = spool_vectors,
-    .put = spool_put,
-    .swap = spool_swap,
-    .wait = spool_wait_change,
-    .variables = spool_variables,
-    .history = spool_history,
-    .history_bins = spool_history_bins,
-    .author = spool_author,
-    .author_name = spool_author_name,
-    .describe = spool_describe,
-    .catalogue = spool_catalogue,
-    .catalogue_at = spool_catalogue_at,
-    .get_tags = spool_get_tags,
     .append_events = spool_append_events,
-    .events = events,
-    .append_timing = spool_append_timing,
-    .timing = timing,
-    .version = spool_version,
-    .init = spool_init,
-    .maintain = spool_maintain,
 };
 
 int apc_spool_wrap(struct apc_store **store, struct apc_store *inner, const char *uri, const char *path,
@@ -770,7 +622,7 @@ int apc_spool_wrap(struct apc_store **store, struct apc_store *inner, const char
     }
     s->base.ops = &spooling_store;
     s->base.config = inner->config;
-    s->inner = inner;
+    s->base.inner = inner;
     apc_spool_identity(uri, identity, sizeof identity);
     const char *name = inner->config.name;
     struct apc_error disk = {""};

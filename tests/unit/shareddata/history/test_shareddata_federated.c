@@ -637,16 +637,16 @@ static void test_what_fails_is_told_and_what_is_not_needed_is_not_asked(void **s
                      0);
     assert_has(apc_store_error(w.both), "the history is left out: "); /* also where there is nothing at all */
     s->quiet_until = 0;
-    struct apc_store_ops slow = *s->live->ops;
-    real_live = s->live->ops;
+    struct apc_store_ops slow = *s->base.inner->ops;
+    real_live = s->base.inner->ops;
     slow.history = do_live_history;
-    s->live->ops = &slow;
+    s->base.inner->ops = &slow;
     live_calls = 1; /* the first says how far back it reaches */
     assert_int_equal(
         apc_store_history_bins(w.both, APC_SENSOR, 1, time_of(300), time_of(590), 3, take_bin, &a),
         APC_ETIMEDOUT);
     assert_string_equal(apc_store_error(w.both), "it is slow");
-    s->live->ops = real_live;
+    s->base.inner->ops = real_live;
     world_end(&w);
 }
 

@@ -143,7 +143,7 @@ static int set_up(void **state)
     if (apc_store_open(&both, "mem:+mem:", NULL, &why) < 0)
         fail_msg("%s", why.text);
     federated = (struct apc_federated *)both;
-    live = federated->live;
+    live = federated->base.inner;
     old = federated->history;
     must(live, apc_store_init(live));
     must(old, apc_store_init(old));

@@ -15,14 +15,14 @@ static int set_up_both(void **state)
     (void)set_up(state);
     if (apc_store_open(&both, "mem:seam-live+mem:seam-history", NULL, &why) < 0)
         fail_msg("%s", why.text);
-    own = ((struct apc_federated *)both)->live;
-    ((struct apc_federated *)both)->live = &store;
+    own = ((struct apc_federated *)both)->base.inner;
+    ((struct apc_federated *)both)->base.inner = &store;
     return apc_store_init(((struct apc_federated *)both)->history) < 0;
 }
 
 static int tear_down_both(void **state)
 {
-    ((struct apc_federated *)both)->live = own;
+    ((struct apc_federated *)both)->base.inner = own;
     apc_store_close(both);
     return tear_down(state);
 }
