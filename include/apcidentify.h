@@ -151,6 +151,10 @@ APC_API int apc_identify_subspace(struct apc_identified **model, const struct ap
 struct apc_model;
 struct apc_plant_options;
 
+/** What is known of a parameter beforehand: normally distributed. */
+struct apc_prior {
+    double mean, deviation; /**< deviation 0: nothing */
+};
 /** What is sought, and where the search begins. */
 struct apc_parameters {
     size_t size;
@@ -163,13 +167,14 @@ struct apc_parameters {
                                record's is; the others are as the model has them. NULL: the first ones */
     const size_t *output; /**< [ny] likewise */
     size_t until;         /**< fitted to that many samples, of each run its share; 0: all */
+    const struct apc_prior *prior; /**< [n]; NULL: nothing is known beforehand */
 };
 /**
  * The parameters with which the model's free run fits the record best. Least squares by Gauss and Newton's
  * iteration with Marquardt's damping; errors are whitened by an autoregression and weighted by each output's
  * scatter. The unknowns are the parameters sought, the state at the start of each run and, where there is a
  * dead time, the inputs before that start. The model may be nonlinear; searches start from the given values
- * and beside them, until two of them end alike.
+ * and beside them, until two of them end alike. With priors it is the most probable value after the record (MAP).
  * @p value, @p error [n]: the result, and standard errors. @p x0 [runs * nx]: where each run began; @p run [n
  * * ny]: the model's outputs, also for samples that it was not fitted to; both may be NULL. [setup] Returns
  * 0, APC_ENOMEM, APC_EINVAL (no record, no such parameter, an FMU, a start out of range) or APC_ESOLVER: the
@@ -185,6 +190,10 @@ struct apc_noise {
     double deviation; /**< of a state: of a random walk in 1 s; 0: the record shows none */
     double error;     /**< standard error of its logarithm; NAN: only that it is no greater can be told */
 };
+/** NAN: it has no end on that side within the parameter's limits. */
+struct apc_interval {
+    double low, high;
+};
 /** Zero means default. */
 struct apc_likelihood {
     size_t size;
@@ -193,7 +202,8 @@ struct apc_likelihood {
     struct apc_noise *process;  /**< [n_noisy, or nx] result, required */
     struct apc_noise *measured; /**< [ny] likewise */
     double *white; /**< [ny] the probability that innovations as white as those are not; or NULL */
-    double value;  /**< logarithm of the likelihood */
+    double value;  /**< logarithm of the likelihood; priors have no part in it */
+    struct apc_interval *profile; /**< [n] 95 % intervals of the profile likelihood; NULL: not asked for */
 };
 /**
  * The same by maximum likelihood, of dx = f dt + process noise, y = g + white noise. The likelihood's logarithm
@@ -201,7 +211,8 @@ struct apc_likelihood {
  * expect, from all measurements before, and S its variance (Kristensen, Madsen and Jorgensen, Automatica 40,
  * 2004). Also for plants that drift or are unstable. Unknowns are the parameters sought, of which there may be none, the noises,
  * and x0 of each run, uncertain by what noise makes of it in a period. Fisher's scoring finds them, from where
- * apc_identify_parameters() ends. @p error is from Fisher's information. Returns as that function; also
+ * apc_identify_parameters() ends. @p error is from Fisher's information. An interval of the profile likelihood ends where
+ * the logarithm, priors and all, is 1.92 less with the parameter there and all else as suits best; it need not lie evenly around the value. Returns as that function; also
  * APC_ESOLVER where a noisy state acts on nothing measured. [setup]
  */
 APC_API int apc_identify_likelihood(const struct apc_record *record, const struct apc_parameters *sought,

@@ -25,7 +25,12 @@
 #define MOST   1000 /* steps a period */
 #define SHORT  1e-5 /* s: no part of a period is */
 #define TWO_PI 6.283185307179586
-#define KNOWN  1.0 /* standard error of the logarithm of a noise, at most */
+#define KNOWN  1.0               /* standard error of the logarithm of a noise, at most */
+#define NORMAL 1.959963984540054 /* standard deviations to the end of a 95 % interval */
+#define NEAR   0.005             /* of them is near enough to the end of an interval */
+#define LEAP   10.0              /* times as far is the next try, at most */
+#define BETTER 0.01 /* of a likelihood's logarithm: two searches that came to the same end differ by less */
+#define TRIES  12   /* to find it */
 
 /* ---- The filter ----------------------------------------------------------------------------------- */
 
@@ -177,7 +182,7 @@ double fit_surprise(const struct fit *f, const double *y, double *e)
     const double *S = y + n;
     double sum = 0.0;
 
-    memset(e, 0, f->rows * sizeof(*e));
+    memset(e, 0, f->samples * sizeof(*e));
     for (size_t k = 0; k < n; k++) {
         const double v = f->r.y[k] - y[k];
 
@@ -279,7 +284,8 @@ int fit_begin_filter(struct fit *f, struct apc_error *why)
     int rc = choose_steps(f, why);
 
     f->filtered = true;
-    f->rows = 2 * f->r.n * f->r.ny;
+    f->samples = 2 * f->r.n * f->r.ny;
+    f->rows = f->samples + f->s.n;
     for (size_t i = 0; i < f->r.ny; i++)
         f->measured[i] = 0.7 * f->deviation[i];
     for (size_t i = 0; i < f->n_noisy && rc == 0; i++)
@@ -319,7 +325,7 @@ int fit_report_likelihood(struct fit *f, double left, struct apc_likelihood *of,
     const size_t ny = f->r.ny, n = f->r.n;
     int rc = 0;
 
-    of->value = -left;
+    of->value = fit_prior_misfit(f, f->room) / 2.0 - left;
     for (size_t q = 0; q < f->first && rc == 0; q++) {
         const struct unknown *u = &f->unknown[q];
         const bool process = u->kind == PROCESS;
@@ -346,4 +352,103 @@ int fit_report_likelihood(struct fit *f, double left, struct apc_likelihood *of,
         of->white[i] = apc_white_probability(f->room, n);
     }
     return rc;
+}
+
+/* ---- The profile ----------------------------------------------------------------------------------- */
+
+/* How much worse all is with the last unknown, which is none now, at @p value, and the others as suits best: in standard
+ * deviations, as the normal distribution has them. HUGE_VAL: the model has no answer there. APC_ESOLVER: it is better. */
+static int profile_depth(struct fit *f, const double *best, double left, double value, double *depth,
+                         struct apc_error *why)
+{
+    const struct unknown *of = &f->unknown[f->m];
+    double there = 0.0;
+    int rc;
+
+    memcpy(f->value, best, f->m * sizeof(*best));
+    for (size_t q = 0; q < f->m; q++)
+        fit_put(f, q, f->value[q]);
+    fit_put(f, f->m, value);
+    rc = fit_run(f, f->y, NULL);
+    if (rc == 0)
+        rc = fit_search(f, &there, NULL);
+    *depth = rc == 0 ? sqrt(2.0 * fmax(there - left, 0.0)) : HUGE_VAL;
+    if (rc == 0 && there < left - BETTER)
+        return apc_fail(why, APC_ESOLVER,
+                        "likelihood: with another %s, %.6g, all fits better than where the search ended: let "
+                        "it begin there, "
+                        "with priors that agree with the record",
+                        of->kind == DEAD_TIME ? "dead_time" : f->model->param[of->at].name, value);
+    return rc == APC_ENOMEM ? rc : 0;
+}
+
+/* Where the last unknown's interval ends towards @p limit. The depth is nearly linear, so the next try is where a line from
+ * the best value through the last one leads, between what is known to be too near and too far. */
+static int end_profile(struct fit *f, const double *best, double left, double error, double limit,
+                       double *end, struct apc_error *why)
+{
+    const double at = best[f->m], side = limit > at ? 1.0 : -1.0;
+    double near = at, far = limit, next = at + side * NORMAL * error;
+    int rc = 0;
+
+    *end = (double)NAN;
+    for (int k = 0; k < TRIES && rc == 0; k++) {
+        double depth;
+
+        next = side * next < side * far ? next : far;
+        rc = profile_depth(f, best, left, next, &depth, why);
+        *end = next;
+        if (rc < 0 || fabs(depth - NORMAL) <= NEAR * NORMAL)
+            return rc;
+        if (depth < NORMAL && next == limit) {
+            *end = (double)NAN;
+            return rc;
+        }
+        if (depth < NORMAL)
+            near = next;
+        else
+            far = next;
+        next = at + (next - at) * fmin(NORMAL / depth, LEAP);
+        if (!(side * next > side * near) || (far != limit && !(side * next < side * far)))
+            next = isfinite(far) ? near + (far - near) / 2.0 : near + 2.0 * (near - at);
+    }
+    return rc;
+}
+
+static void swap_unknowns(struct fit *f, size_t a, size_t b)
+{
+    const struct unknown u = f->unknown[a];
+    const double value = f->value[a];
+
+    f->unknown[a] = f->unknown[b];
+    f->unknown[b] = u;
+    f->value[a] = f->value[b];
+    f->value[b] = value;
+}
+
+int fit_profile(struct fit *f, double left, const double *error, struct apc_interval *interval,
+                struct apc_error *why)
+{
+    const size_t last = f->m - 1;
+    double *best = calloc(f->m + 1, sizeof(*best));
+    int rc = best ? 0 : APC_ENOMEM;
+
+    for (size_t i = 0; i < f->s.n && rc == 0; i++) {
+        const size_t q = f->first + i;
+        const struct unknown of = f->unknown[q];
+
+        swap_unknowns(f, q, last);
+        memcpy(best, f->value, f->m * sizeof(*best));
+        f->m = last;
+        rc = end_profile(f, best, left, error[i], of.low, &interval[i].low, why);
+        if (rc == 0)
+            rc = end_profile(f, best, left, error[i], of.high, &interval[i].high, why);
+        f->m = last + 1;
+        memcpy(f->value, best, f->m * sizeof(*best));
+        for (size_t k = 0; k < f->m; k++)
+            fit_put(f, k, f->value[k]);
+        swap_unknowns(f, q, last);
+    }
+    free(best);
+    return rc == 0 ? fit_run(f, f->y, why) : rc;
 }

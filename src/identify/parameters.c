@@ -148,7 +148,7 @@ static void weigh_residuals(const struct fit *f, double *column)
     const size_t ny = f->r.ny;
     double *room = f->room;
 
-    memset(room, 0, f->rows * sizeof(*room));
+    memset(room, 0, f->samples * sizeof(*room));
     for (size_t i = 0; i < ny; i++) {
         double *to = room + i * f->r.n;
 
@@ -163,19 +163,36 @@ static void weigh_residuals(const struct fit *f, double *column)
             apc_whiten(to + begin, n, f->noise + i * NOISE_MOST, (size_t)f->order[i], to + begin);
         }
     }
-    for (size_t k = 0; k < f->rows; k++)
+    for (size_t k = 0; k < f->samples; k++)
         column[k] = isfinite(room[k]) ? room[k] : 0.0;
 }
 
-/* e = what is measured without y, weighed. Returns its sum of squares. */
+static const struct apc_prior *prior_of(const struct fit *f, size_t i)
+{
+    return f->s.prior && f->s.prior[i].deviation > 0.0 ? &f->s.prior[i] : NULL;
+}
+
+double fit_prior_misfit(const struct fit *f, double *e)
+{
+    for (size_t i = 0; i < f->s.n; i++) {
+        const struct apc_prior *prior = prior_of(f, i);
+        const size_t at = f->s.which[i];
+
+        e[i] = prior ? (prior->mean - (at < f->model->np ? f->p[at] : f->dead_time)) / prior->deviation : 0.0;
+    }
+    return apc_matrix_dot(e, e, f->s.n);
+}
+
 double fit_misfit(const struct fit *f, const double *y, double *e)
 {
+    const double prior = fit_prior_misfit(f, e + f->samples);
+
     if (f->filtered)
-        return fit_surprise(f, y, e);
-    for (size_t k = 0; k < f->rows; k++)
+        return fit_surprise(f, y, e) + prior / 2.0;
+    for (size_t k = 0; k < f->samples; k++)
         e[k] = isfinite(f->r.y[k]) ? f->r.y[k] - y[k] : 0.0;
     weigh_residuals(f, e);
-    return apc_matrix_dot(e, e, f->rows);
+    return apc_matrix_dot(e, e, f->samples) + prior;
 }
 
 /* From what is left of y: how it scatters, and by which autoregression. Returns 0 or APC_ENOMEM. */
@@ -221,6 +238,19 @@ size_t fit_counted(const struct fit *f)
     return rows;
 }
 
+/* Rows of Q where priors are: minus the derivative of e, as in all of its rows. */
+static void differentiate_priors(const struct fit *f, size_t q, double *out)
+{
+    const struct unknown *of = &f->unknown[q];
+
+    for (size_t i = 0; i < f->s.n; i++) {
+        const struct apc_prior *prior =
+            of->kind == PARAMETER || of->kind == DEAD_TIME ? prior_of(f, i) : NULL;
+
+        out[i] = prior && f->s.which[i] == of->at ? of->size / prior->deviation : 0.0;
+    }
+}
+
 /* Q R = how y moves with each unknown. */
 int fit_differentiate(struct fit *f, struct apc_error *why)
 {
@@ -238,12 +268,13 @@ int fit_differentiate(struct fit *f, struct apc_error *why)
         if (rc == 0)
             rc = fit_run(f, f->minus, why);
         fit_put(f, q, at);
-        for (size_t k = 0; k < f->rows && rc == 0; k++)
+        for (size_t k = 0; k < f->samples && rc == 0; k++)
             out[k] = (f->plus[k] - f->minus[k]) / (up - down) * of->size;
         if (f->filtered)
             fit_weigh_filtered(f, out);
         else
             weigh_residuals(f, out);
+        differentiate_priors(f, q, out + f->samples);
     }
     if (rc == 0)
         apc_qr_extend(f->rows, 0, f->m, f->Q, f->R, f->m);
@@ -510,6 +541,11 @@ static int check_sought(const struct fit *f, struct apc_error *why)
         if (f->s.which[i] < m->np && !(m->param[f->s.which[i]].high > m->param[f->s.which[i]].low))
             return apc_fail(why, APC_EINVAL, "parameters: %s can be nothing but %g",
                             m->param[f->s.which[i]].name, m->param[f->s.which[i]].low);
+        if (f->s.prior && !(isfinite(f->s.prior[i].mean) && f->s.prior[i].deviation >= 0.0 &&
+                            isfinite(f->s.prior[i].deviation)))
+            return apc_fail(
+                why, APC_EINVAL,
+                "parameters: what is known beforehand must be a number and a deviation from 0 on");
     }
     for (size_t j = 0; j < f->r.nu + f->r.nd; j++)
         if ((f->s.input ? f->s.input[j] : j) >= m->nu + m->nd)
@@ -526,7 +562,7 @@ static int open_fit(struct fit *f)
     const size_t ny = f->r.ny, runs = apc_record_runs(&f->r), inputs = f->r.nu + f->r.nd,
                  states = runs * m->nx, before = fit_acts_late(f) ? runs * LEVELS * inputs : 0,
                  most = states + before + (f->noisy ? f->n_noisy + ny : 0) + f->s.n;
-    const size_t rows = f->r.n * ny * (f->noisy ? 2 : 1);
+    const size_t rows = f->r.n * ny * (f->noisy ? 2 : 1) + f->s.n;
     const struct apc_part parts[] = {APC_PART(f->unknown, most),
                                      APC_PART(f->order, ny),
                                      APC_PART(f->y, rows),
@@ -553,7 +589,8 @@ static int open_fit(struct fit *f)
 
     f->runs = runs;
     f->inputs = inputs;
-    f->rows = f->r.n * ny;
+    f->samples = f->r.n * ny;
+    f->rows = f->samples + f->s.n;
     f->memory = apc_parts_allocate(parts, sizeof(parts) / sizeof(*parts));
     if (!f->memory)
         return APC_ENOMEM;
@@ -683,6 +720,8 @@ static int identify_parameters(const struct apc_record *record, const struct apc
         rc = report_parameters(&f, left, value, error, why);
     if (rc == 0 && of)
         rc = fit_report_likelihood(&f, left, of, why);
+    if (rc == 0 && of && of->profile)
+        rc = fit_profile(&f, left, error, of->profile, why);
     if (rc == 0 && x0)
         memcpy(x0, f.x0, f.runs * f.model->nx * sizeof(*x0));
     if (rc == 0 && run)

@@ -19,7 +19,8 @@ struct fit {
     struct apc_parameters s;
     struct apc_plant_options plant;
     const struct apc_model *model;
-    size_t runs, inputs, rows;            /* rows: n * ny, by likelihood twice */
+    size_t runs, inputs;
+    size_t samples, rows;                 /* n * ny, by likelihood twice; rows: behind them one a prior */
     size_t m, first;                      /* unknowns, of which the first are states, levels and noises */
     size_t levels;                        /* of each input before each run; 0: it was as at first */
     struct unknown *unknown;              /* [m] */
@@ -44,8 +45,11 @@ struct fit {
 bool fit_acts_late(const struct fit *f);
 /* y [n * ny] as the numbers in p, x0, before and dead_time say. APC_ESOLVER: they have no answer. */
 int fit_run(struct fit *f, double *y, struct apc_error *why);
-/* e = what is measured without y, weighed. Returns its sum of squares. */
+/* e = what is measured without y, weighed, and how far parameters are from what was known of them. Returns the
+ * sum of squares; by likelihood minus the logarithm. */
 double fit_misfit(const struct fit *f, const double *y, double *e);
+/* The part that priors have in it, in units of squares; e [s.n]. */
+double fit_prior_misfit(const struct fit *f, double *e);
 /* How many errors count. */
 size_t fit_counted(const struct fit *f);
 /* Q R = how y moves with each unknown. */
@@ -69,6 +73,9 @@ int fit_check_noisy(const struct apc_model *model, struct apc_likelihood *of, si
 int fit_begin_filter(struct fit *f, struct apc_error *why);
 /* Of what was found; @p left: of the search. */
 int fit_report_likelihood(struct fit *f, double left, struct apc_likelihood *of, struct apc_error *why);
+/* Intervals of the profile likelihood, from there; @p error: standard errors. f is then where it was. */
+int fit_profile(struct fit *f, double left, const double *error, struct apc_interval *interval,
+                struct apc_error *why);
 double fit_standard_error(struct fit *f, double variance, size_t q, double *g);
 
 /* parameters_search.c: downhill from where it is; and the first time, which looks around, and before. */

@@ -54,6 +54,12 @@ static void take_find_option(void *options, char *arg, const struct argp_state *
     parse_names(state, arg, own->find, &own->finds);
 }
 
+static void take_prior_option(void *options, char *arg, const struct argp_state *state)
+{
+    struct identify_options *own = options;
+    parse_names(state, arg, own->prior, &own->priors);
+}
+
 static void take_likelihood_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_options *own = options;
@@ -80,6 +86,10 @@ static void check_identify_options(void *input, const struct argp_state *state)
     if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
         argp_error(state, "--suggest is for transfer functions");
     const bool plant = own->finds || own->likelihood;
+    if (own->priors && !own->finds)
+        argp_error(state, "--prior is of parameters that --find names");
+    if (own->profile && !(own->finds && own->likelihood))
+        argp_error(state, "--profile is of --find with --likelihood");
     if (own->plant && !plant)
         argp_error(state, "--plant is that of --find");
     if (plant && (own->kind != KINDS || own->suggest || own->output || own->validate))
@@ -125,6 +135,14 @@ static const struct option_spec own_options[] = {
      "Of --find, or alone: by maximum likelihood, with the noise of the measurements and of STATES, of all "
      "if none is named",
      OPTION_OWN, .take = take_likelihood_option, .optional = true},
+    {"prior", 0, "LIST",
+     "Of --find: what is known of parameters beforehand, a mean and a standard deviation, as "
+     "K=2+-0.3,tau=10+-1",
+     OPTION_OWN, .take = take_prior_option},
+    {"profile", 0, NULL,
+     "Of --find with --likelihood: 95 % intervals by the profile likelihood, which need not lie evenly "
+     "around the value",
+     OPTION_FLAG, AT(profile)},
     {"plant", 0, "FILE",
      "Of --find: the experiment file that has the plant, where the record is no run folder", OPTION_TEXT,
      AT(plant)},

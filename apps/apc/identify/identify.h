@@ -40,6 +40,9 @@ struct identify_options {
     const char *from, *to, *validate, *output, *figure, *plant; /* plant: the experiment file that has it */
     char *find[IDENTIFY_SIGNALS]; /* parameters of the plant; finds 0: models are sought */
     size_t finds;
+    char *prior[IDENTIFY_SIGNALS]; /* "NAME=MEAN+-DEVIATION" of some of these */
+    size_t priors;
+    bool profile;
     bool likelihood; /* with noises, of these states; noisy 0: of all */
     char *noisy_state[IDENTIFY_SIGNALS];
     size_t noisy;

@@ -19,6 +19,8 @@ struct finding {
     const char *file; /* with the plant */
     size_t which[IDENTIFY_SIGNALS], input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
     double value[IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS], was[IDENTIFY_SIGNALS];
+    struct apc_prior prior[IDENTIFY_SIGNALS];
+    struct apc_interval profile[IDENTIFY_SIGNALS];
     size_t noisy[IDENTIFY_SIGNALS]; /* states */
     struct apc_noise process[IDENTIFY_SIGNALS], measured[IDENTIFY_SIGNALS];
     double white[IDENTIFY_SIGNALS];
@@ -67,6 +69,34 @@ static int take_parameters(struct finding *f, struct apc_error *why)
     return 0;
 }
 
+/* "K=2+-0.3" */
+static int take_prior(struct finding *f, char *text, struct apc_error *why)
+{
+    const struct identify_options *own = &f->z->own;
+    char *mean = strchr(text, '='), *deviation = mean ? strstr(mean, "+-") : NULL;
+    struct apc_prior *prior;
+    size_t i = 0;
+
+    if (!deviation)
+        return apc_fail(why, APC_EINVAL, "--prior \"%s\": must be NAME=MEAN+-DEVIATION, as K=2+-0.3", text);
+    *mean++ = '\0';
+    *deviation = '\0';
+    deviation += strlen("+-");
+    while (i < own->finds && strcmp(own->find[i], text) != 0)
+        i++;
+    if (i == own->finds)
+        return apc_fail(why, APC_EINVAL, "--prior: --find does not name \"%s\"", text);
+    prior = &f->prior[i];
+    if (prior->deviation > 0.0)
+        return apc_fail(why, APC_EINVAL, "--prior: %s has two", text);
+    if (apc_number_parse(mean, &prior->mean) < 0 || apc_number_parse(deviation, &prior->deviation) < 0 ||
+        !(prior->deviation > 0.0))
+        return apc_fail(why, APC_EINVAL,
+                        "--prior %s: \"%s+-%s\" must be two numbers, the deviation above 0, as 2+-0.3", text,
+                        mean, deviation);
+    return 0;
+}
+
 static int take_noisy_states(struct finding *f, struct apc_error *why)
 {
     const struct apc_model *m = f->e.plant.model;
@@ -92,7 +122,8 @@ static int take_noisy_states(struct finding *f, struct apc_error *why)
                                             .n_noisy = n,
                                             .process = f->process,
                                             .measured = f->measured,
-                                            .white = f->white};
+                                            .white = f->white,
+                                            .profile = own->profile ? f->profile : NULL};
     return 0;
 }
 
@@ -182,12 +213,15 @@ static int find_parameters(struct finding *f, struct apc_error *why)
                                     .plant = &options,
                                     .which = f->which,
                                     .n = f->z->own.finds,
+                                    .prior = f->prior,
                                     .input = f->input,
                                     .output = f->output};
     int rc = take_plant(f, why);
 
     if (rc == 0)
         rc = take_parameters(f, why);
+    for (size_t i = 0; i < f->z->own.priors && rc == 0; i++)
+        rc = take_prior(f, f->z->own.prior[i], why);
     if (rc == 0)
         rc = take_signals(f, why);
     if (rc == 0 && f->z->own.likelihood)
@@ -222,6 +256,20 @@ static const struct apc_param *param_of(const struct finding *f, size_t i)
     const struct apc_model *m = f->e.plant.model;
 
     return f->which[i] < m->np ? &m->param[f->which[i]] : &dead_time;
+}
+
+/* "1 to 3"; an end that is not there, as "1 to -": within the parameter's limits the record tells none. */
+static const char *profile_text(const struct finding *f, size_t i, char *text, size_t size)
+{
+    const struct apc_interval *of = &f->profile[i];
+    char low[24] = "-", high[24] = "-";
+
+    if (isfinite(of->low))
+        snprintf(low, sizeof low, "%.5g", of->low);
+    if (isfinite(of->high))
+        snprintf(high, sizeof high, "%.5g", of->high);
+    snprintf(text, size, "%s to %s", low, high);
+    return text;
 }
 
 /* What noise is: @p value as its setting has it, and @p was; or NULL: there is no other one. */
@@ -309,6 +357,7 @@ static int show_found_text(const struct finding *f)
     const struct identify_data *d = &f->z->data;
     struct print_table t;
     struct noise_row row;
+    char interval[60];
 
     identify_show_samples(f->z);
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
@@ -317,7 +366,11 @@ static int show_found_text(const struct finding *f)
 
         print_cell(&t, PRINT_PLAIN, "%s", p->name);
         print_cell(&t, PRINT_PLAIN, "%.5g", f->was[i]);
-        print_cell(&t, PRINT_PLAIN, "%.5g ± %.2g", f->value[i], 1.96 * f->error[i]);
+        if (f->z->own.profile)
+            print_cell(&t, PRINT_PLAIN, "%.5g, %s", f->value[i],
+                       profile_text(f, i, interval, sizeof interval));
+        else
+            print_cell(&t, PRINT_PLAIN, "%.5g ± %.2g", f->value[i], 1.96 * f->error[i]);
         print_cell(&t, PRINT_PLAIN, "%s", p->unit ? p->unit : "");
         print_cell(&t, PRINT_PLAIN, "%s", p->description ? p->description : "");
     }
@@ -348,9 +401,13 @@ static void show_found_json(const struct finding *f)
 
     json_add(&t, "{samples:%zu, fitted:%zu, plant:%s, parameters:[", d->record.n, f->z->fitted,
              f->e.plant.model->name);
-    for (size_t i = 0; i < f->z->own.finds; i++)
-        json_add(&t, "{parameter:%s, was:%g, value:%g, standard_error:%g}", param_of(f, i)->name, f->was[i],
+    for (size_t i = 0; i < f->z->own.finds; i++) {
+        json_add(&t, "{parameter:%s, was:%g, value:%g, standard_error:%g", param_of(f, i)->name, f->was[i],
                  f->value[i], f->error[i]);
+        if (f->z->own.profile)
+            json_add(&t, ", interval:[%g,%g]", f->profile[i].low, f->profile[i].high);
+        json_add(&t, "}");
+    }
     json_add(&t, "], outputs:[");
     for (size_t i = 0; i < d->record.ny; i++) {
         json_add(&t, "{output:%s, fit:%g", d->output[i], f->model.validation[i].fit);

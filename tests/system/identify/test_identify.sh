@@ -245,6 +245,16 @@ for is in plant.noise.x=0.1 measurements.y.noise=0.05; do
 done
 expect 0 '"log_likelihood":.*"setting":"plant.noise.x","was":0.1,"value":0\.' "$apc" identify noisy@..150 --likelihood --json
 "$apc" identify noisy@..150 --likelihood >noise.txt
+# Promise(identification/priors)
+# Promise(identification/profile)
+"$apc" identify noisy@..150 --find K --likelihood=x --profile --prior K=9.9+-0.01 --json >prior.json
+expect 0 '"value":9\.9[0-9]*,"standard_error":0\.00[0-9]*,"interval":\[9\.8[0-9]*,9\.9[0-9]*\]' cat prior.json
+expect 1 '--prior "K=2": must be NAME=MEAN\+-DEVIATION' "$apc" identify noisy --find K --prior K=2
+expect 1 '--prior: --find does not name "tau"' "$apc" identify noisy --find K --prior tau=2+-1
+expect 1 '"2\+-0" must be two numbers, the deviation above 0' "$apc" identify noisy --find K --prior K=2+-0
+expect 1 '--prior: K has two' "$apc" identify noisy --find K --prior K=2+-1,K=2+-1
+expect 2 '--prior is of parameters that --find names' "$apc" identify noisy --prior K=2+-1
+expect 2 '--profile is of --find with --likelihood' "$apc" identify noisy --find K --profile
 experiment lqg 'operating_point = { u = [1.0]; };' >lqg.conf
 eval "settings=($(sed -n 's/^for lqg, mpc, nmpc: //p' noise.txt) $(sed -n 's/^to try: apc simulate FILE//p' noise.txt))"
 "$apc" simulate lqg.conf --duration 20 "${settings[@]}" >lqg.txt || fail "lqg does not take ${settings[*]}"

@@ -81,18 +81,31 @@ struct found {
     double log_likelihood;
 };
 
+/* What is asked beside which parameters: NULL or 0: nothing. */
+static struct {
+    const struct apc_prior *prior;
+    struct apc_interval *profile;
+    const double *p;
+} beside;
+
 static int find(const struct simulated *s, const size_t *which, size_t n, const size_t *noisy, size_t n_noisy,
                 struct found *of, struct apc_error *why)
 {
     const struct apc_plant_options rk4 = {.size = sizeof rk4, .integrator = "rk4", .steps = 4};
-    const struct apc_parameters sought = {
-        .size = sizeof sought, .model = &lag, .plant = &rk4, .which = which, .n = n};
+    const struct apc_parameters sought = {.size = sizeof sought,
+                                          .model = &lag,
+                                          .plant = &rk4,
+                                          .which = which,
+                                          .n = n,
+                                          .prior = beside.prior,
+                                          .p = beside.p};
     struct apc_likelihood likelihood = {.size = sizeof likelihood,
                                         .noisy = noisy,
                                         .n_noisy = n_noisy,
                                         .process = of->process,
                                         .measured = &of->measured,
-                                        .white = &of->white};
+                                        .white = &of->white,
+                                        .profile = beside.profile};
     int rc =
         apc_identify_likelihood(&s->record, &sought, &likelihood, of->value, of->error, of->x0, NULL, why);
 
@@ -150,13 +163,13 @@ static void the_likelihood_is_that_of_an_exact_filter(void **state)
     assert_near(log(of.measured.deviation / 0.2), 0.0, 4.0 * of.measured.error);
     assert_true(of.error[0] < 0.02 && of.error[1] < 0.1 && of.process[0].error < 0.2 && of.white > 0.001);
     for (int side = -1; side < 2; side += 2) { /* and it is the greatest */
-        struct found beside = of;
+        struct found other = of;
 
-        beside.value[0] += side * 0.3 * of.error[0];
-        assert_true(exact_log_likelihood(s, &beside) < of.log_likelihood);
-        beside = of;
-        beside.process[0].deviation *= exp(side * 0.3 * of.process[0].error);
-        assert_true(exact_log_likelihood(s, &beside) < of.log_likelihood);
+        other.value[0] += side * 0.3 * of.error[0];
+        assert_true(exact_log_likelihood(s, &other) < of.log_likelihood);
+        other = of;
+        other.process[0].deviation *= exp(side * 0.3 * of.process[0].error);
+        assert_true(exact_log_likelihood(s, &other) < of.log_likelihood);
     }
     free(s);
 }
@@ -211,6 +224,68 @@ static void an_unstable_plant_is_found(void **state)
     free(s);
 }
 
+/*
+ * Promise(identification/priors): With a prior, a normal distribution, of a parameter the most probable value is found: between prior and
+ *   record, by their variances, and of a parameter that the record does not show the prior itself.
+ */
+static void a_prior_counts_as_its_variance_says(void **state)
+{
+    const size_t sought[] = {0, 2};
+    struct simulated *s = simulate(-0.1, 0.3, 0.2, 5);
+    struct found alone = {.log_likelihood = 0.0}, with = alone;
+    struct apc_error why;
+    (void)state;
+
+    if (find(s, first, 1, first, 1, &alone, &why))
+        fail_msg("%s", why.text);
+    const struct apc_prior prior[] = {{alone.value[0] + 2.0 * alone.error[0], alone.error[0]}, {3.0, 0.5}};
+
+    beside.prior = prior;
+    if (find(s, sought, 2, first, 1, &with, &why))
+        fail_msg("%s", why.text);
+    print_message("%g +- %g, with a prior of %g +- %g: %g +- %g\n", alone.value[0], alone.error[0],
+                  prior[0].mean, prior[0].deviation, with.value[0], with.error[0]);
+    assert_near(with.value[0], alone.value[0] + alone.error[0], 0.1 * alone.error[0]);
+    assert_near(with.error[0], alone.error[0] / sqrt(2.0), 0.05 * alone.error[0]);
+    assert_near(with.value[1], 3.0, 1e-6);
+    assert_near(with.error[1], 0.5, 1e-6);
+    assert_true(with.log_likelihood < alone.log_likelihood); /* the prior has no part in it */
+    assert_near(alone.log_likelihood - with.log_likelihood, 0.5, 0.1);
+    beside.prior = NULL;
+    free(s);
+}
+
+/*
+ * Promise(identification/profile): An interval of the profile likelihood ends where the likelihood's logarithm is 1.92 less, all other
+ *   unknowns as suits best there.
+ */
+static void a_profile_ends_where_the_likelihood_has_fallen(void **state)
+{
+    struct simulated *s = simulate(-0.1, 0.3, 0.2, 6);
+    struct apc_interval profile[2] = {{0.0, 0.0}};
+    struct found best = {.log_likelihood = 0.0};
+    struct apc_error why;
+    (void)state;
+
+    beside.profile = profile;
+    if (find(s, both, 2, first, 1, &best, &why))
+        fail_msg("%s", why.text);
+    beside.profile = NULL;
+    print_message("a %g +- %g: %g to %g\n", best.value[0], best.error[0], profile[0].low, profile[0].high);
+    for (int end = 0; end < 2; end++) {
+        const double at = end ? profile[0].high : profile[0].low, p[] = {at, 1.0, 1.0};
+        struct found there = {.log_likelihood = 0.0};
+
+        assert_near(fabs(at - best.value[0]), 1.96 * best.error[0], 0.3 * best.error[0]);
+        beside.p = p;
+        if (find(s, both + 1, 1, first, 1, &there, &why))
+            fail_msg("%s", why.text);
+        assert_near(best.log_likelihood - there.log_likelihood, 1.92, 0.03);
+    }
+    beside.p = NULL;
+    free(s);
+}
+
 static void refused(const struct simulated *s, const size_t *which, size_t n, const size_t *noisy,
                     size_t n_noisy, int code, const char *reason)
 {
@@ -237,6 +312,9 @@ static void what_cannot_be_told_is_named(void **state)
     assert_near(log(of.measured.deviation / 0.2), 0.0, 4.0 * of.measured.error);
     refused(s, both, 2, NULL, 0, APC_ESOLVER, "noise of unseen acts on nothing that was measured");
     refused(s, both, 2, (const size_t[]){0, 0}, 2, APC_EINVAL, "must be different ones of 2");
+    beside.prior = &(const struct apc_prior){1.0, -1.0};
+    refused(s, first, 1, first, 1, APC_EINVAL, "beforehand must be a number and a deviation from 0 on");
+    beside.prior = NULL;
     refused(s, (const size_t[]){2}, 1, first, 1, APC_ESOLVER, "idle changes nothing that was measured");
     memset(s->u, 0, sizeof s->u); /* then nothing tells b */
     refused(s, both, 2, first, 1, APC_ESOLVER, "b changes nothing that was measured");
@@ -252,6 +330,8 @@ int main(void)
         cmocka_unit_test(the_likelihood_is_that_of_an_exact_filter),
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(an_unstable_plant_is_found),
+        cmocka_unit_test(a_prior_counts_as_its_variance_says),
+        cmocka_unit_test(a_profile_ends_where_the_likelihood_has_fallen),
         cmocka_unit_test(what_cannot_be_told_is_named),
     };
 
