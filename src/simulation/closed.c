@@ -3,17 +3,19 @@
  * A recorded run in closed loop under another law. Its plant is simulated with the outputs on record: what the
  * measurements were beside that is what acted on the plant, and what the model leaves out. Added to each
  * measurement of a simulation whose controllers act, it gives the run on record under the law that ran, and what
- * would have been under another one. Setpoints and modes are those that were written then.
+ * would have been under another one. Setpoints and modes are those that were written then. A part of a record goes
+ * on from what was in force when it begins, as a plant whose controllers are started again does.
  */
-#include "simulation_internal.h"
+#include "closed_internal.h"
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
+
+#include "simulation_internal.h"
 
 /* ---- What was measured beside the model ----------------------------------------------------- */
 
-static int by_variable_and_time(const void *left, const void *right)
+int closed_by_variable_and_time(const void *left, const void *right)
 {
     const struct apc_sample *a = left, *b = right;
     if (a->id != b->id)
@@ -27,7 +29,7 @@ static const struct apc_sample *next_in_time(const struct samples *s, const stru
     size_t low = 0, high = s->n;
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (by_variable_and_time(&s->at[middle], wanted) < 0)
+        if (closed_by_variable_and_time(&s->at[middle], wanted) < 0)
             low = middle + 1;
         else
             high = middle;
@@ -46,47 +48,43 @@ static void note_spread(struct closed_spread *s, double value)
     s->squares += apart * (value - s->mean);
 }
 
-/* Of a simulation with the outputs on record. A measurement that was Bad then is so again. */
-static void note_left_out(void *ctx, struct apc_sample *y, size_t n)
+static bool was_bad(const struct apc_sample *row)
+{
+    return apc_status_severity(row->status) == APC_SEVERITY_BAD;
+}
+
+/* Of a simulation with the outputs on record. */
+static void note_modelled(void *ctx, struct apc_sample *y, size_t n)
 {
     struct closed *c = ctx;
     for (size_t i = 0; i < n; i++) {
         const struct apc_sample *was = next_in_time(&c->recorded, &y[i]);
-        struct apc_sample left = y[i];
-        if (!was)
-            continue;
-        const bool bad = apc_status_severity(was->status) == APC_SEVERITY_BAD;
-        left.status = was->status;
-        left.value = bad ? was->value : was->value - y[i].value;
         struct closed_model *model = &c->model[y[i].id - 1];
-        if (!bad) {
+        if (was && !was_bad(was) && y[i].time >= SIMULATION_BEGIN + c->since) {
             note_spread(&model->measured, was->value);
             note_spread(&model->modelled, y[i].value);
-            note_spread(&model->left, left.value);
+            note_spread(&model->left, was->value - y[i].value);
         }
-        c->failed = samples_add(&c->left, &left) < 0 || c->failed;
+        c->failed = samples_add(&c->modelled, &y[i]) < 0 || c->failed;
     }
 }
 
+/* A measurement that was Bad then is so again; where the model does what it did, so is what was measured. */
 static void add_left_out(void *ctx, struct apc_sample *y, size_t n)
 {
     const struct closed *c = ctx;
     for (size_t i = 0; i < n; i++) {
-        const struct apc_sample *left = next_in_time(&c->left, &y[i]);
-        if (!left)
+        const struct apc_sample *was = next_in_time(&c->recorded, &y[i]),
+                                *modelled = next_in_time(&c->modelled, &y[i]);
+        if (!was || !modelled)
             continue;
-        const bool bad = apc_status_severity(left->status) == APC_SEVERITY_BAD;
-        y[i].value = bad ? left->value : y[i].value + left->value;
-        y[i].status = left->status;
+        const double moved = y[i].value - modelled->value;
+        y[i].value = was_bad(was) ? was->value : was->value + moved;
+        y[i].status = was->status;
     }
 }
 
 /* ---- What was written ----------------------------------------------------------------------- */
-
-static bool is_for_people(enum apc_table table)
-{
-    return table == APC_SETPOINT || table == APC_OPMODE || table == APC_MANUAL || table == APC_TUNING;
-}
 
 static bool is_first_of(const struct apc_sample *first, size_t n, const struct apc_sample *row)
 {
@@ -97,15 +95,43 @@ static bool is_first_of(const struct apc_sample *first, size_t n, const struct a
 }
 
 /* By people, or by whomever before the run began, where the experiment has something else. */
+static bool is_repeated_in_run(const struct apc_sample *row, const struct apc_sample *first, size_t n)
+{
+    return row->time < SIMULATION_BEGIN ? !is_first_of(first, n, row) : row->author > 0;
+}
+
+static bool is_moved_by_loop(const struct experiment *e, int setpoint)
+{
+    for (size_t i = 0; i < e->n_controllers; i++)
+        for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
+            if (e->controllers[i].u[k].table == APC_SETPOINT &&
+                (int)e->controllers[i].u[k].at + 1 == setpoint)
+                return true;
+    return false;
+}
+
+/* By people and the scheduler, since then. */
+static bool is_repeated_in_part(const struct closed *c, const struct apc_sample *row)
+{
+    const bool scheduled =
+        row->table == APC_SETPOINT && (size_t)row->id <= c->was.dim.nz && !is_moved_by_loop(&c->was, row->id);
+    return row->time >= SIMULATION_BEGIN + c->since && (row->author > 0 || scheduled);
+}
+
+/* In a part the tuning of its own is in force from its beginning on. */
 static int take_writes(struct samples *to, const struct closed *c, const struct experiment *e, bool tuning)
 {
     size_t n = 0;
     struct apc_sample *first = module_first(e, SIMULATION_BEGIN, &n);
     int rc = first ? 0 : APC_ENOMEM;
+    for (size_t i = 0; i < n && c->since > 0 && !tuning && rc == 0; i++) {
+        first[i].time = SIMULATION_BEGIN + c->since;
+        rc = first[i].table == APC_TUNING ? samples_add(to, &first[i]) : 0;
+    }
     for (size_t i = 0; i < c->written.n && rc == 0; i++) {
         struct apc_sample row = c->written.at[i];
         if ((row.table == APC_TUNING && !tuning) ||
-            (row.time < SIMULATION_BEGIN ? is_first_of(first, n, &row) : row.author == 0))
+            !(c->since > 0 ? is_repeated_in_part(c, &row) : is_repeated_in_run(&row, first, n)))
             continue;
         row.time = row.time > SIMULATION_BEGIN ? row.time : SIMULATION_BEGIN;
         rc = samples_add(to, &row);
@@ -114,105 +140,78 @@ static int take_writes(struct samples *to, const struct closed *c, const struct 
     return rc;
 }
 
-static int load_closed_writes(struct closed *c, const struct playback *played)
-{
-    int n = apc_store_variables(played->ticks, NULL, 0);
-    struct apc_sample *variable = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *variable);
-    if (!variable)
-        return n < 0 ? n : APC_ENOMEM;
-    const struct apc_range all = {0};
-    int rc = apc_store_variables(played->ticks, variable, (size_t)n);
-    n = rc < n ? rc : n;
-    for (int i = 0; i < n && rc >= 0; i++)
-        if (is_for_people(variable[i].table))
-            rc = samples_collect_one(&c->written, played->ticks, variable[i].table, variable[i].id, &all);
-    for (size_t i = 0; i < c->written.n; i++)
-        c->written.at[i].time += SIMULATION_BEGIN - played->start;
-    samples_sort(&c->written);
-    free(variable);
-    return rc < 0 ? rc : 0;
-}
-
 /* ---- The run -------------------------------------------------------------------------------- */
-
-static int load_recorded(struct closed *c, const char *dir, struct apc_error *why)
-{
-    struct samples *s = &c->recorded;
-    const int rc = samples_read(&c->all, dir, "samples.csv", why);
-    if (rc < 0)
-        return rc;
-    for (size_t i = 0; i < c->all.n; i++) {
-        struct apc_sample row = c->all.at[i];
-        c->end = row.time > c->end ? row.time : c->end;
-        row.time += SIMULATION_BEGIN;
-        if (row.table == APC_SENSOR && (size_t)row.id <= c->was.dim.ny && samples_add(s, &row) < 0)
-            return apc_fail(why, APC_ENOMEM, "out of memory");
-    }
-    if (s->n == 0)
-        return apc_fail(why, APC_ENOTFOUND, "%s has no measurements on record", dir);
-    qsort(s->at, s->n, sizeof *s->at, by_variable_and_time);
-    return 0;
-}
 
 static double closed_duration(const struct closed *c)
 {
-    return c->was.start || !(c->was.duration > 0) ? apc_ns_to_s(c->end) : c->was.duration;
+    return c->gaps_known || !(c->was.duration > 0) ? apc_ns_to_s(c->end) : c->was.duration;
 }
 
-static int estimate_left_out(struct closed *c, const struct playback *played, struct apc_error *why)
+int closed_estimate(struct closed *c, struct apc_error *why)
 {
     struct simulation s;
-    int rc = simulation_create_after(&s, &c->was, c->was.seed, played, why);
-    s.measured = note_left_out;
+    int rc = simulation_create_after(&s, &c->was, c->was.seed, &c->played, why);
+    s.measured = note_modelled;
     s.measured_ctx = c;
     if (rc == 0 && (rc = simulation_stream(&s, closed_duration(c), NULL, NULL)) < 0)
         apc_fail(why, rc, "the model with the outputs on record: %s", s.why.text);
     simulation_destroy(&s);
     if (rc == 0 && c->failed)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    if (c->left.n > 0)
-        qsort(c->left.at, c->left.n, sizeof *c->left.at, by_variable_and_time);
+    if (c->modelled.n > 0)
+        qsort(c->modelled.at, c->modelled.n, sizeof *c->modelled.at, closed_by_variable_and_time);
     return rc;
 }
 
-int closed_load(struct closed *c, const char *dir, struct apc_error *why)
+/* What people did is among what was written, and when a controller was away among its gaps. */
+static int take_actions(const struct closed *c, struct experiment *e)
 {
-    struct playback played = {.ticks = NULL};
-    *c = (struct closed){.end = 0};
-    int rc = experiment_load(&c->was, dir, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
-    if (rc == 0 && !c->was.plant.model)
-        rc = apc_fail(why, APC_EINVAL, "%s names no model of its plant: there is nothing to simulate", dir);
-    c->model = rc == 0 ? calloc(c->was.dim.ny + 1, sizeof *c->model) : NULL;
-    if (rc == 0 && !c->model)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    if (rc == 0)
-        rc = load_recorded(c, dir, why);
-    if (rc == 0)
-        rc = playback_load(&played, dir, &c->was, c->end + 1, why);
-    if (rc == 0 && (rc = load_closed_writes(c, &played)) < 0)
-        apc_fail(why, rc, "%s: %s", dir, rc == APC_ENOMEM ? "out of memory" : apc_store_error(played.ticks));
-    if (rc == 0)
-        rc = estimate_left_out(c, &played, why);
-    playback_free(&played);
-    return rc;
+    const struct action *from = c->gaps_known ? c->gap : e->action;
+    const size_t all = c->gaps_known ? c->n_gaps : e->n_actions;
+    struct action *taken = calloc(all + 1, sizeof *taken);
+    size_t n = 0;
+    for (size_t i = 0; i < all && taken; i++)
+        if (from[i].kind != ACTION_WRITE)
+            taken[n++] = from[i];
+    if (!taken)
+        return APC_ENOMEM;
+    free(e->action);
+    e->action = taken;
+    e->n_actions = n;
+    return 0;
 }
 
-static int take_closed_rows(void *to, const struct samples *rows)
+static int take_closed_rows(void *made, const struct samples *rows)
 {
-    return samples_append(to, rows);
+    return samples_append(made, rows);
 }
 
-/* What people did is among what was written. */
+/* Until the part begins it is as it was. */
+static int begin_part(struct simulation *s, struct playback *before, struct closed *c,
+                      const struct experiment *e, struct apc_error *why)
+{
+    *before = c->played;
+    before->end = c->start + c->since;
+    for (before->rows.n = 0; before->rows.n < c->played.rows.n &&
+                             before->rows.at[before->rows.n].time < SIMULATION_BEGIN + c->since;)
+        before->rows.n++;
+    int rc = simulation_create_after(s, &c->was, c->was.seed, before, why);
+    s->measured = add_left_out;
+    s->measured_ctx = c;
+    if (rc == 0 && (rc = simulation_run(s, apc_ns_to_s(c->since))) < 0)
+        *why = s->why;
+    return rc < 0 ? rc : simulation_branch(s, e, why);
+}
+
 static int run_closed(struct closed *c, struct experiment *e, const struct samples *writes,
                       struct samples *made, struct apc_error *why)
 {
     struct simulation s;
-    size_t n = 0;
-    for (size_t i = 0; i < e->n_actions; i++)
-        if (e->action[i].kind != ACTION_WRITE)
-            e->action[n++] = e->action[i];
-    e->n_actions = n;
-    int rc = simulation_create(&s, e, c->was.seed, why);
+    struct playback before;
+    int rc = take_actions(c, e) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : 0;
+    if (rc < 0)
+        return rc;
+    rc = c->since > 0 ? begin_part(&s, &before, c, e, why) : simulation_create(&s, e, c->was.seed, why);
     s.measured = add_left_out;
     s.measured_ctx = c;
     if (rc == 0 && (rc = simulation_repeat_writes(&s, writes)) < 0)
@@ -225,12 +224,12 @@ static int run_closed(struct closed *c, struct experiment *e, const struct sampl
     return rc;
 }
 
-int closed_run(struct closed *c, const char *dir, const struct experiment_overrides *overrides,
-               struct samples *made, struct apc_error *why)
+int closed_run(struct closed *c, const struct experiment_overrides *overrides, struct samples *made,
+               struct apc_error *why)
 {
     struct experiment e;
     struct samples writes = {0};
-    int rc = experiment_load(&e, dir, EXPERIMENT_MODEL | EXPERIMENT_LAW, overrides, why);
+    int rc = closed_experiment(c, &e, overrides, why);
     if (rc == 0 && (rc = take_writes(&writes, c, &e, !overrides)) < 0)
         apc_fail(why, rc, "out of memory");
     if (rc == 0)
@@ -245,14 +244,4 @@ double closed_left_out(const struct closed *c, size_t k)
     const struct closed_model *m = &c->model[k];
     const double most = fmax(m->measured.squares, m->modelled.squares);
     return most > 0 ? sqrt(m->left.squares / most) : 0;
-}
-
-void closed_free(struct closed *c)
-{
-    samples_free(&c->all);
-    samples_free(&c->recorded);
-    samples_free(&c->left);
-    samples_free(&c->written);
-    free(c->model);
-    experiment_free(&c->was);
 }

@@ -302,6 +302,7 @@ int simulation_written(const struct experiment *e, struct samples *rows, struct 
 int simulation_repeat_writes(struct simulation *s, const struct samples *rows)
 {
     s->repeats = rows;
+    s->repeated = 0;
     return rows->n == 0 || apc_virtual_at(s->executive, s->zero + rows->at[0].time - SIMULATION_BEGIN,
                                           RANK_OPERATOR, simulation_repeat, s) >= 0
                ? 0

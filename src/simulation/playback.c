@@ -14,10 +14,14 @@
 /* Setpoints under the numbers that tick rows name. */
 static int take_recorded_setpoints(struct playback *p, const struct experiment *e)
 {
-    const struct apc_range until = {.until = p->end};
+    const struct apc_range before = {.until = p->start, .last = 1},
+                           range = {.since = p->start, .until = p->end};
     int rc = 0;
-    for (size_t k = 0; k < e->dim.nz && rc == 0; k++)
-        rc = samples_collect_one(&p->rows, p->ticks, APC_SETPOINT, (int)k + 1, &until);
+    for (size_t k = 0; k < e->dim.nz && rc == 0; k++) {
+        rc = samples_collect_one(&p->rows, p->ticks, APC_SETPOINT, (int)k + 1, &before);
+        if (rc == 0)
+            rc = samples_collect_one(&p->rows, p->ticks, APC_SETPOINT, (int)k + 1, &range);
+    }
     for (size_t i = 0; i < p->rows.n; i++)
         p->rows.at[i].time += SIMULATION_BEGIN - p->start;
     return rc;
@@ -38,6 +42,15 @@ static int take_outputs(struct playback *p, const struct experiment *e, const st
     return rc;
 }
 
+int playback_take(struct playback *p, const struct samples *process, const struct experiment *e)
+{
+    int rc = take_recorded_setpoints(p, e);
+    if (rc == 0)
+        rc = take_outputs(p, e, process);
+    samples_sort(&p->rows);
+    return rc;
+}
+
 int playback_load(struct playback *p, const char *dir, const struct experiment *e, apc_ns end,
                   struct apc_error *why)
 {
@@ -51,11 +64,8 @@ int playback_load(struct playback *p, const char *dir, const struct experiment *
     int rc = ticks_open(&p->ticks, path, why);
     if (rc == 0)
         rc = samples_read(&process, dir, "samples.csv", why);
-    if (rc == 0 && (rc = take_recorded_setpoints(p, e)) < 0)
+    if (rc == 0 && (rc = playback_take(p, &process, e)) < 0)
         apc_fail(why, rc, "%s: %s", path, rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(p->ticks));
-    if (rc == 0 && (rc = take_outputs(p, e, &process)) < 0)
-        apc_fail(why, rc, "out of memory");
-    samples_sort(&p->rows);
     samples_free(&process);
     return rc;
 }
@@ -107,7 +117,7 @@ int playback_end(const struct playback *p, struct apc_store *to)
     for (int i = 0; i < n && rc >= 0 && m.failed == 0; i++)
         if (apc_table_vectors(variable[i].table))
             rc = apc_store_vectors(p->ticks, variable[i].table, variable[i].id, &newest, move_vector, &m);
-        else if (variable[i].table != APC_SETPOINT)
+        else if (ticks_name(variable[i].table) && variable[i].table != APC_SETPOINT)
             rc = apc_store_history(p->ticks, variable[i].table, variable[i].id, &newest, move_sample, &m);
     free(variable);
     return m.failed < 0 ? m.failed : rc < 0 ? rc : 0;

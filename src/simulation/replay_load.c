@@ -36,6 +36,9 @@ int replay_open_ticks(struct apc_store **ticks, const char *dir, struct apc_erro
 {
     char path[600];
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
+    if (access(dir, F_OK) < 0)
+        return apc_fail(why, APC_ENOTFOUND, "%s: there is no such file or folder: expected a run folder",
+                        dir);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s%s", path, strerror(errno),
                         errno == ENOENT

@@ -304,7 +304,8 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
     if (!c->core)
         return 0;
     simulation_stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
-    apc_controller_compute(c->core, simulated_now(c->s), tick->index, true, &notice);
+    const uint64_t before = c->s->before > 0 ? (uint64_t)(c->s->before / c->of->rhythm.period) : 0;
+    apc_controller_compute(c->core, simulated_now(c->s), before + tick->index, true, &notice);
     do
         tell_of(c, &notice);
     while (apc_controller_noticed(c->core, &notice));
@@ -623,7 +624,8 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
 int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
                             const struct playback *playback, struct apc_error *why)
 {
-    *s = (struct simulation){.e = e, .seed = seed, .playback = playback};
+    *s = (struct simulation){
+        .e = e, .seed = seed, .playback = playback, .before = playback ? playback->before : 0};
     snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
     return make_simulation(s, why);
 }

@@ -44,7 +44,8 @@ struct simulation {
     struct simulation_task *task; /* [n_tasks] */
     size_t n_tasks;
     struct apc_exchange *exchange;
-    apc_ns zero; /* monotonic, of t = 0 */
+    apc_ns zero;   /* monotonic, of t = 0 */
+    apc_ns before; /* that its controllers had been ticking by then: of a part of a run */
 
     struct apc_plant *plant;
     struct apc_plantserver *server;
@@ -153,7 +154,7 @@ int simulation_pace(struct simulation *s, double until, const struct pace_watch 
 /* The plant's tick next to @t, since t = 0; 0 is one. */
 apc_ns simulation_nearest_tick(const struct experiment *e, apc_ns t);
 /* What people wrote in another run of it, as simulation.written has it, each at its time and before all else of that
- * instant. Of a simulation that has not begun; @rows outlive it. Returns 0 or APC_ENOMEM. */
+ * instant. Of a simulation that has not begun, or of which the past has ended; @rows outlive it. Returns 0 or APC_ENOMEM. */
 int simulation_repeat_writes(struct simulation *s, const struct samples *rows);
 /*
  * From now on the experiment is @p e, of which those actions happen that are to come; the one before must
@@ -191,8 +192,12 @@ struct playback {
     struct samples rows;     /* outputs, setpoints and calculated signals, by time, in that of a simulation */
     struct apc_store *ticks; /* all else, in that of the run */
     apc_ns start, end;       /* UTC of its t = 0, and of its last instant */
+    apc_ns before;           /* its controllers had been ticking for so long by then */
 };
 
+/* Of a run from p->start until p->end, from its store p->ticks, and samples, of which the times are since that start.
+ * Returns 0 or an error. */
+int playback_take(struct playback *p, const struct samples *process, const struct experiment *e);
 /* Of the run in folder @p dir until @p end, since its start. Returns 0 or a negative error; playback_free() in
  * either case. */
 int playback_load(struct playback *p, const char *dir, const struct experiment *e, apc_ns end,
@@ -403,32 +408,44 @@ void differs_free(struct differs *d);
 
 /* ---- In closed loop -------------------------------------------------------------------------- */
 
+#define CLOSED_NOTES 40
+
 /*
  * What would have been in a recorded run under another law or other settings of it: what acted on each measurement
  * besides the model of the plant, and what the model leaves out, is estimated from the record, and acts again.
  */
 struct closed {
     struct experiment was;
-    struct samples all; /* of the record, by time since its start */
+    struct samples all; /* of the record, by time since `start` */
+    apc_ns start;       /* UTC of its t = 0, */
+    apc_ns since, end;  /* since when it begins and ends; since > 0: it goes on from what was in force then */
+    char note[CLOSED_NOTES][REPLAY_TEXT]; /* [n_notes] what else is to be known of it */
+    size_t n_notes;
 
-    /* its own, of measurements by variable and time */
-    struct samples recorded, left; /* left: what they were beside the model */
-    struct samples written;        /* by people, and what they found */
+    /* its own */
+    struct replay_range of;
+    char *text;                        /* of the experiment that the store describes */
+    struct playback played;            /* whose store is that of the range */
+    struct samples recorded, modelled; /* measurements, by variable and time */
+    struct samples written;            /* by people and the scheduler, and what they found */
+    apc_ns zero;                       /* UTC, from which ticks are counted */
     struct closed_model {
         struct closed_spread {
             uint64_t n;
             double mean, squares;
         } measured, modelled, left;
-    } * model;  /* [ny] */
-    apc_ns end; /* of the record, since its start */
-    bool failed;
+    } * model;          /* [ny] */
+    struct action *gap; /* [n_gaps] in which a controller had no ticks, where that is known */
+    size_t n_gaps;
+    bool gaps_known, failed;
 };
 
-/* Of the run in folder @dir. Returns 0 or a negative error; closed_free() in either case. */
-int closed_load(struct closed *c, const char *dir, struct apc_error *why);
-/* That run with what overrides say, NULL: as it was, into @made, by time since its start. Returns 0 or an error. */
-int closed_run(struct closed *c, const char *dir, const struct experiment_overrides *overrides,
-               struct samples *made, struct apc_error *why);
+/* Of a run folder or a store. Only since, until, store and dir of @p of are looked at. Returns 0 or a negative error;
+ * closed_free() in either case, before that of the store. */
+int closed_load(struct closed *c, const struct replay_range *of, struct apc_error *why);
+/* That record with what overrides say, NULL: as it was, into @made, by time since its start. Returns 0 or an error. */
+int closed_run(struct closed *c, const struct experiment_overrides *overrides, struct samples *made,
+               struct apc_error *why);
 /* How much of what moved measurement @p k is not the model's: 0: nothing; 1: as much as all that it, or the model,
  * moved. */
 double closed_left_out(const struct closed *c, size_t k);

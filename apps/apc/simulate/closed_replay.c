@@ -6,7 +6,6 @@
 
 #include "apc/common/print.h"
 #include "figures/figures.h"
-#include "simulation/simulation.h"
 #include "statistic.h"
 
 #define WINDOWS 10
@@ -65,16 +64,18 @@ static int measure_window(struct closed_figures *f, const struct samples *sample
     return rc;
 }
 
-static int measure_windows(struct closed_figures *f, const struct samples *samples,
-                           const struct experiment *e, apc_ns end)
+static int measure_windows(struct closed_figures *f, const struct samples *samples, const struct closed *c)
 {
+    const struct experiment *e = &c->was;
+    const apc_ns length = c->end - c->since;
     f->loop = calloc(controllers_loops(e) + 1, sizeof *f->loop);
     const int n = f->loop ? metrics_loops(e, f->loop) : APC_ENOMEM;
     f->n = n > 0 ? (size_t)n : 0;
     f->window = calloc(f->n * N_METRICS + 1, sizeof *f->window);
     int rc = n < 0 ? n : f->window ? 0 : APC_ENOMEM;
     for (size_t k = 0; k < WINDOWS && rc == 0; k++)
-        rc = measure_window(f, samples, e, k, end * (apc_ns)k / WINDOWS, end * (apc_ns)(k + 1) / WINDOWS);
+        rc = measure_window(f, samples, e, k, c->since + length / WINDOWS * (apc_ns)k,
+                            k + 1 < WINDOWS ? c->since + length / WINDOWS * (apc_ns)(k + 1) : c->end);
     return rc;
 }
 
@@ -138,6 +139,8 @@ static int print_closed(const struct closed_answer *a)
                              "the answer is wrong"
                            : "");
     }
+    for (size_t i = 0; i < a->closed.n_notes; i++)
+        printf("%s\n", a->closed.note[i]);
     printf("unchanged, it is at most %.3g %% of a range apart from the record\n", 100 * a->apart);
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < a->was.n; i++)
@@ -155,10 +158,15 @@ static int print_closed(const struct closed_answer *a)
     return print_table_end(&table, stdout, false, 0);
 }
 
-static void put_closed_json(const struct closed_answer *a, const char *dir, struct text *t)
+static void put_closed_json(const struct closed_answer *a, const char *name, struct text *t)
 {
-    const struct experiment *e = &a->closed.was;
-    json_add(t, "{run:%s, windows:%ju, unchanged_apart:%g, left_out:{", dir, (uintmax_t)WINDOWS, a->apart);
+    const struct closed *c = &a->closed;
+    const struct experiment *e = &c->was;
+    json_add(t, "{run:%s, since:%.6jd, until:%.6jd, windows:%ju, unchanged_apart:%g, notes:[", name,
+             (intmax_t)(c->start + c->since), (intmax_t)(c->start + c->end), (uintmax_t)WINDOWS, a->apart);
+    for (size_t i = 0; i < c->n_notes; i++)
+        json_add(t, "%s", c->note[i]);
+    json_add(t, "], left_out:{");
     for (size_t k = 0; k < e->dim.ny; k++)
         json_add(t, "%s:%g", e->y[k].tag.name, closed_left_out(&a->closed, k));
     json_add(t, "}, loops:[");
@@ -233,31 +241,42 @@ static double widest_apart(const struct experiment *e, const struct samples *mad
     return widest;
 }
 
-static int answer_closed(struct closed_answer *a, const char *dir,
-                         const struct experiment_overrides *overrides, struct apc_error *why)
+/* Without what came before the part, or comes after it. */
+static void cut_closed(struct samples *s, const struct closed *c)
 {
-    const struct experiment *e = &a->closed.was;
-    int rc = closed_load(&a->closed, dir, why);
-    if (rc == 0)
-        rc = closed_run(&a->closed, dir, NULL, &a->unchanged, why);
-    if (rc == 0)
-        rc = closed_run(&a->closed, dir, overrides, &a->otherwise, why);
-    if (rc < 0)
-        return rc;
-    a->apart = widest_apart(e, &a->unchanged, &a->closed.all);
-    rc = measure_windows(&a->was, &a->closed.all, e, a->closed.end);
-    if (rc == 0)
-        rc = measure_windows(&a->is, &a->otherwise, e, a->closed.end);
-    return rc < 0 ? apc_fail(why, rc, "out of memory") : 0;
+    size_t n = 0;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->at[i].time >= c->since && s->at[i].time <= c->end)
+            s->at[n++] = s->at[i];
+    s->n = n;
 }
 
-int closed_replay(const char *dir, const struct experiment_overrides *overrides, struct text *json,
-                  struct apc_error *why)
+static int answer_closed(struct closed_answer *a, const struct replay_range *of, struct apc_error *why)
+{
+    const struct experiment *e = &a->closed.was;
+    int rc = closed_load(&a->closed, of, why);
+    if (rc == 0)
+        rc = closed_run(&a->closed, NULL, &a->unchanged, why);
+    if (rc == 0)
+        rc = closed_run(&a->closed, of->overrides, &a->otherwise, why);
+    if (rc == 0 && (rc = measure_windows(&a->was, &a->closed.all, &a->closed)) == 0)
+        rc = measure_windows(&a->is, &a->otherwise, &a->closed);
+    if (rc == APC_ENOMEM)
+        apc_fail(why, rc, "out of memory");
+    if (rc < 0)
+        return rc;
+    cut_closed(&a->closed.all, &a->closed);
+    cut_closed(&a->unchanged, &a->closed);
+    a->apart = widest_apart(e, &a->unchanged, &a->closed.all);
+    return 0;
+}
+
+int closed_replay(const char *name, const struct replay_range *of, struct text *json, struct apc_error *why)
 {
     struct closed_answer a = {.apart = 0};
-    int rc = answer_closed(&a, dir, overrides, why);
+    int rc = answer_closed(&a, of, why);
     if (rc == 0 && json)
-        put_closed_json(&a, dir, json);
+        put_closed_json(&a, name, json);
     else if (rc == 0 && print_closed(&a) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     free_closed_figures(&a.was);

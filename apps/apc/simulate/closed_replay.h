@@ -3,12 +3,11 @@
 #ifndef APC_CLOSED_REPLAY_H
 #define APC_CLOSED_REPLAY_H
 
-#include "experiment/experiment.h"
 #include "files/files.h"
+#include "simulation/simulation.h"
 
-/* Of the run in folder @dir with what @overrides say: for people or, where that is not NULL, into @json. Returns 0 or
- * a negative error. */
-int closed_replay(const char *dir, const struct experiment_overrides *overrides, struct text *json,
-                  struct apc_error *why);
+/* Of the record @of of @name, with what its overrides say: for people or, where that is not NULL, into @json. Returns
+ * 0 or a negative error. */
+int closed_replay(const char *name, const struct replay_range *of, struct text *json, struct apc_error *why);
 
 #endif

@@ -34,9 +34,10 @@ static void check_replay_options(void *input, const struct argp_state *state)
     if (o->virtually && (o->csv || o->overrides.law || o->set.n > 0 || o->tolerance >= 0 || o->since ||
                          o->until || o->controller || o->json || o->jobs))
         argp_error(state, "--virtual: goes with no other option");
-    if (o->closed && (o->virtually || o->csv || o->tolerance >= 0 || o->since || o->until || o->controller ||
-                      o->jobs || (!o->overrides.law && o->set.n == 0)))
-        argp_error(state, "--closed: goes with --law and --set, which say what is to be another, and --json");
+    if (o->closed && (o->virtually || o->csv || o->tolerance >= 0 || o->controller || o->jobs ||
+                      (!o->overrides.law && o->set.n == 0)))
+        argp_error(state, "--closed: goes with --law and --set, which say what is to be another, --since, "
+                          "--until and --json");
     if (o->csv && (o->jobs || o->json))
         argp_error(state, "--csv: goes without --jobs and --json");
 }
@@ -253,13 +254,10 @@ static int judge_difference(const struct replay_command *c, const struct differs
 
 static int open_source_store(const struct replay_command *c, struct source *s, struct apc_error *why)
 {
-    char path[600];
     const struct apc_store_options options = {
         .size = sizeof options, .name = "apc", .timeout = c->cli.timeout};
-    if (!s->folder)
-        return store_open(&s->store, s->name, &options, why);
-    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, s->name);
-    return ticks_open(&s->store, path, why);
+    return s->folder ? replay_open_ticks(&s->store, s->name, why)
+                     : store_open(&s->store, s->name, &options, why);
 }
 
 static void close_source(struct source *s)
@@ -662,6 +660,13 @@ static int plan_season(struct season_work *w, const struct replay_range *range, 
     return plan_jobs(w) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : 0;
 }
 
+static void read_replay_range(const struct replay_command *c, struct replay_range *range)
+{
+    if (cli_time(&c->cli, "since", c->options.since, &range->since) != EXIT_OK ||
+        cli_time(&c->cli, "until", c->options.until, &range->until) != EXIT_OK)
+        exit(EXIT_USAGE);
+}
+
 static int replay_of_season(struct replay_command *c, const struct replay_watch *watch)
 {
     struct season_work w = {.c = c, .watch = watch};
@@ -670,9 +675,7 @@ static int replay_of_season(struct replay_command *c, const struct replay_watch 
                                  .controller = c->options.controller,
                                  .overrides = &c->options.overrides};
     struct apc_error why;
-    if (cli_time(&c->cli, "since", c->options.since, &range.since) != EXIT_OK ||
-        cli_time(&c->cli, "until", c->options.until, &range.until) != EXIT_OK)
-        exit(EXIT_USAGE);
+    read_replay_range(c, &range);
     int rc = open_csv(c);
     if (rc < 0)
         return rc;
@@ -688,25 +691,32 @@ static int replay_of_season(struct replay_command *c, const struct replay_watch 
     return print_seasons(c);
 }
 
-static int replay_closed(const struct replay_command *c)
+static int replay_closed_source(struct replay_command *c, struct source *s, struct replay_range range,
+                                struct text *json, struct apc_error *why)
 {
+    int rc = open_source_store(c, s, why);
+    range.store = s->store;
+    range.dir = s->folder ? s->name : NULL;
+    if (rc == 0 && c->n > 1 && !json)
+        printf("%s%s\n", s == c->source ? "" : "\n", s->name);
+    return rc < 0 ? rc : closed_replay(s->name, &range, json, why);
+}
+
+static int replay_closed(struct replay_command *c)
+{
+    struct replay_range range = {.until = INT64_MAX, .overrides = &c->options.overrides};
     struct apc_error why;
     struct text json = {.at = NULL};
     int rc = 0;
-    for (int i = 0; i < c->cli.n_args || i == 0; i++)
-        if (c->cli.n_args == 0 || !is_folder(c->cli.args[i]))
-            exit(cli_usage(&c->cli, "--closed: of run folders, not of a store"));
+    read_replay_range(c, &range);
     for (size_t i = 0; i < c->options.set.n; i++)
         if (strncmp(c->options.set.at[i].path, "controller", strlen("controller")) != 0)
             exit(cli_usage(&c->cli,
                            "--closed: %s: only settings of controllers may be others, as controller.Kp",
                            c->options.set.at[i].path));
     json_add(&json, "{runs:[");
-    for (int i = 0; i < c->cli.n_args && rc == 0; i++) {
-        if (c->cli.n_args > 1 && !c->options.json)
-            printf("%s%s\n", i > 0 ? "\n" : "", c->cli.args[i]);
-        rc = closed_replay(c->cli.args[i], &c->options.overrides, c->options.json ? &json : NULL, &why);
-    }
+    for (size_t i = 0; i < c->n && rc == 0; i++)
+        rc = replay_closed_source(c, &c->source[i], range, c->options.json ? &json : NULL, &why);
     json_add(&json, "]}");
     if (rc == 0 && json.failed)
         rc = apc_fail(&why, APC_ENOMEM, "out of memory");

@@ -97,11 +97,22 @@ cp first-order-was/{samples.csv,samples.columns,ticks.db} half
 expect 0 'leaves out [0-9.]+ %: as a disturbance, .* the answer is wrong' "$apc" replay half --closed --law pid
 "$apc" replay half people --closed --law pid --json | python3 -c 'import json, sys; assert [run["run"] for run in json.load(sys.stdin)["runs"]] == ["half", "people"]' ||
   fail "of several runs not all are told"
-expect 2 'of run folders, not of a store' "$apc" replay --closed --law pid
-expect 2 'of run folders, not of a store' "$apc" replay half "sqlite:$work/none.db" --closed --law pid
+expect 3 'none.db cannot be opened' "$apc" replay people "sqlite:$work/none.db" --closed --law pid
 expect 2 'plant.parameters.K: only settings of controllers' "$apc" replay half --closed --set plant.parameters.K=2
 expect 2 'goes with --law and --set' "$apc" replay half --closed
 expect 2 'goes with --law and --set' "$apc" replay half --closed --law pid --tolerance 1
+# A part of it goes on from what was in force then.
+for part in "--since 2000-01-01T00:00:40Z" "--since 2000-01-01T00:01:00Z --until 2000-01-01T00:03:20Z"; do
+  # shellcheck disable=SC2086
+  "$apc" replay people --closed --set controller.Kp=0.1 $part --json >part.json || fail "$part is not replayed: $(cat part.json)"
+  # Promise(simulation/replay-closed-part)
+  python3 -c 'import json
+part = json.load(open("part.json"))["runs"][0]
+assert part["unchanged_apart"] == 0 and part["since"] >= 946684840 and ".tuning." not in part["notes"], part
+assert any("4 ticks are not on record" in note for note in part["notes"]) and any("wrote 1 values" in note for note in part["notes"]), part
+assert part["loops"][0]["iae"]["recorded"] > 0 and part["loops"][0]["iae"]["otherwise"] > 0, part' || fail "$part of a run is another: $(cat part.json)"
+done
+expect 1 'no measurements are on record in that time' "$apc" replay people --closed --set controller.Kp=0.1 --since 2000-01-02
 expect 1 'nowhere: there is no such file or folder' "$apc" replay nowhere --closed --law pid
 sed -i '2i 0,actuator,1000000,Good,1' half/samples.csv # a row that is none of the experiment's
 rm half/samples.columns

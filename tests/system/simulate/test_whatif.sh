@@ -106,6 +106,16 @@ grep -Eq '^controller: [0-9]+ ticks from then on, at most [0-9.]+ ms late, [0-9]
 # Promise(analysis/run-goes-otherwise)
 grep -q 'simulated, unchanged' real.svg || fail "the unchanged future is not in the figure"
 "$apc" replay real --closed --set controller.Kp=0.01 >closed.txt || fail "a run in real time is not replayed in closed loop: $(cat closed.txt)"
+"$apc" replay "$APC_STORE" --closed --set controller.Kp=0.01 --json >stored.json || fail "a store is not replayed in closed loop: $(cat stored.json)"
+"$apc" maintain --pack 0.001h >/dev/null
+"$apc" replay "$APC_STORE" --closed --set controller.Kp=0.01 --json >packed.json || fail "packed rows are not replayed in closed loop: $(cat packed.json)"
+# Promise(simulation/replay-closed-part)
+cmp stored.json packed.json || fail "packed rows give another run in closed loop"
+python3 - <<'END' || fail "in closed loop the store is another run: $(cat stored.json closed.txt)"
+import json
+run = json.load(open("stored.json"))["runs"][0]
+assert run["left_out"]["y"] < 0.1 and run["loops"][0]["iae"]["recorded"] > 0 and run["until"] - run["since"] > 5, run
+END
 if "$apc" replay --virtual real >virtual.txt; then
   # Promise(simulation/replay-closed)
   grep -Eq '^unchanged, it is at most (0|[0-9.]+e-[0-9]+) % of a range apart' closed.txt ||
