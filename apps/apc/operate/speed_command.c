@@ -7,6 +7,7 @@
 
 #include "apc/common/speed.h"
 #include "common/storeuri.h"
+#include "experiment/experiment.h"
 #include "files/files.h"
 #include "operate.h"
 #include "simulation/simulation.h"
@@ -76,43 +77,84 @@ static int wait_for_steps(const struct cli *cli, struct apc_store *store)
     }
 }
 
-/* The plant has come to where it goes back to, in the next store of that name. */
-static bool has_returned(const struct cli *cli, apc_ns *now)
+/* In the next store of that name, once somebody has gone back. */
+static int open_simulated(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
+                          struct apc_error *why)
 {
-    struct apc_store *store = NULL;
-    struct apc_store_clock clock = {.size = sizeof clock};
-    struct apc_error why;
-    const bool there =
-        store_open(&store, cli->store, NULL, NULL) == 0 && store_simulated(store, &clock, &why) > 0;
-    apc_store_close(store);
-    if (there && clock.rewind == 0)
-        *now = clock.now;
-    return there && clock.rewind == 0 && !isinf(clock.asked);
+    int rc;
+    apc_store_close(*store);
+    *store = NULL;
+    rc = store_open(store, cli->store, NULL, why);
+    return rc < 0 ? rc : store_simulated(*store, clock, why);
 }
 
-static int rewind_plant(const struct cli *cli, struct apc_store *store, double to)
+/* Until it stands there, and nobody takes it back. */
+static int await_return(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
+                        struct apc_error *why)
 {
-    struct apc_store_clock clock;
-    struct apc_error why;
-    apc_ns t = 0, now = 0, was = 0, since;
-    int rc = store_simulated(store, &clock, &why);
-    if (rc < 0)
-        return cli_error(cli, rc, "%s", why.text);
-    if (rc > 0 && (apc_ns_from_s(to, &t) < 0 || t > clock.now - SIMULATION_BEGIN))
-        return cli_error(cli, APC_ERANGE, "rewind %g: the plant is at %g s: expected a time before", to,
-                         apc_ns_to_s(clock.now - SIMULATION_BEGIN));
-    rc = apc_store_rewind(store, rc > 0 ? SIMULATION_BEGIN + t : 1);
-    if (rc < 0)
-        return cli_store_error(cli, rc, store);
-    for (since = apc_clock_mono(NULL); !has_returned(cli, &now); was = now) {
-        if (now != was)
+    apc_ns since = apc_clock_mono(NULL), was = 0;
+    for (;;) {
+        const int rc = open_simulated(cli, store, clock, why);
+        if (rc > 0 && clock->rewind == 0 && !isinf(clock->asked))
+            return 0;
+        if (rc > 0 && clock->now != was)
             since = apc_clock_mono(NULL);
+        was = clock->now;
         if (apc_clock_mono(NULL) - since > RETURN)
-            return cli_error(cli, APC_ETIMEDOUT,
-                             "the plant did not come back within 60 s: see what its `apc run` says");
+            return apc_fail(why, APC_ETIMEDOUT,
+                            "the plant did not come back within 60 s: see what its `apc run` says");
         nanosleep(&(struct timespec){.tv_nsec = 10 * APC_NS_PER_MS}, NULL);
     }
-    return EXIT_OK;
+}
+
+/* The tick of the plant next to @t, both UTC. */
+static int find_tick(struct apc_store *store, apc_ns t, apc_ns *tick, struct apc_error *why)
+{
+    struct experiment e;
+    int64_t revision;
+    const int rc = experiment_stored(&e, store, &revision, why);
+    *tick = rc > 0 ? SIMULATION_BEGIN + simulation_nearest_tick(&e, t - SIMULATION_BEGIN) : t;
+    experiment_free(&e);
+    return rc < 0 ? rc : 0;
+}
+
+/* Who is second to go back does so from where the first one went. */
+static int return_plant(const struct cli *cli, struct apc_store **store, apc_ns t, struct apc_error *why)
+{
+    struct apc_store_clock clock;
+    apc_ns tick = 0;
+    const apc_ns began = apc_clock_mono(NULL);
+    int rc = store_simulated(*store, &clock, why);
+    while (rc <= 0 && clock.reached >= 0 &&
+           apc_clock_mono(NULL) - began < APC_NS_PER_S) { /* one that begins is not yet */
+        nanosleep(&(struct timespec){.tv_nsec = 10 * APC_NS_PER_MS}, NULL);
+        rc = open_simulated(cli, store, &clock, why);
+    }
+    if (rc == 0)
+        return apc_fail(why, APC_ESTATE, "the plant is not simulated: its time is real");
+    if (rc < 0 && clock.reached >= 0) /* nobody does any more */
+        return rc;
+    if (rc < 0 || clock.rewind > 0)
+        rc = await_return(cli, store, &clock, why);
+    while (rc >= 0 && clock.now != tick) {
+        if (t > clock.now)
+            return apc_fail(why, APC_ERANGE, "rewind %.10g: the plant is at %g s: expected a time before",
+                            apc_ns_to_s(t - SIMULATION_BEGIN), apc_ns_to_s(clock.now - SIMULATION_BEGIN));
+        if ((rc = find_tick(*store, t, &tick, why)) == 0 && (rc = apc_store_rewind(*store, t)) < 0)
+            return apc_fail(why, rc, "%s", apc_store_error(*store));
+        if (rc == 0)
+            rc = await_return(cli, store, &clock, why);
+    }
+    return rc;
+}
+
+static int rewind_plant(const struct cli *cli, struct apc_store **store, double to)
+{
+    struct apc_error why;
+    apc_ns t = 0;
+    (void)apc_ns_from_s(to, &t);
+    const int rc = return_plant(cli, store, SIMULATION_BEGIN + t, &why);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
 /* What the arguments ask for. @p back: below 0: not to go back. */
@@ -167,7 +209,7 @@ int command_speed(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = cli.n_args == 0 ? show_speed(&cli, store)
              : back < 0      ? set_speed(&cli, store, speed, steps)
-                             : rewind_plant(&cli, store, back);
+                             : rewind_plant(&cli, &store, back);
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

@@ -84,7 +84,9 @@ void run_take_over(struct run *r);
 /* What was is a run folder by itself, and is set aside: a process finishes it. This one becomes the run that goes on from
  * there. Returns, having said why, only if that cannot be. */
 int run_rewind(struct run *r);
-/* What was set aside is finished. */
+/* Of what was set aside, let go what is finished. */
+void run_look_aside(void);
+/* All of it is finished. */
 void run_await_aside(void);
 
 /* ---- run_finish.c */

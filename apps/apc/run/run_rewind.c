@@ -39,7 +39,11 @@ void run_take_over(struct run *r)
     unsetenv(REWOUND);
     keep_open(r->listener, false);
     keep_open(s->notify, false);
-    while (waitpid(0, NULL, WNOHANG) > 0) /* what has been finished of those set aside before */
+}
+
+void run_look_aside(void)
+{
+    while (waitpid(0, NULL, WNOHANG) > 0)
         ;
 }
 

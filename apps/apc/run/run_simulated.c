@@ -69,6 +69,7 @@ static bool look_after(void *ctx)
     if (now - v->checked >= SUPERVISOR_LOOK) {
         v->checked = now;
         (void)supervisor_check(&r->daemons, &why); /* the page alone, which stands aside */
+        run_look_aside();
     }
     if (now - v->said >= (v->terminal ? SUPERVISOR_LOOK : SAY_EVERY)) {
         v->said = now;

@@ -213,6 +213,8 @@ expect 2 'must be seconds since the start' "$apc" speed --store "$store" rewind
 expect 2 'must be seconds since the start' "$apc" speed --store "$store" rewind ten
 back_to 11.31
 closed $pid
+tidy() { ! pgrep -P $pid -r Z >/dev/null; }
+until_true 60 tidy # what was set aside is finished, and nothing is left of the process that did it
 expect 0 '"t":946684811.4[0-9]*,"asked":0,"reached":0,"steps":0' speed --json
 expect 0 ' 12 ' "$apc" get --store "$store" r
 expect 0 '' "$apc" set --store "$store" r 15
@@ -247,6 +249,23 @@ expect 0 '' "$apc" set --store "$store" --no-wait u 1.5
 speed max
 wait $pid || fail "exit code $?"
 [ "$(digest "$work/back/samples.csv")" = "$expected" ] || fail "what goes on from there is another run"
+# Promise(run/rewind-twice): Who goes back while somebody else does so goes back from there, or is told where the plant is.
+begin twice --no-ui
+speed step 200
+# back SECONDS
+back() {
+  speed rewind "$1" >"$work/back-$1.log" 2>&1 || grep -q 'rewind 30: the plant is at 20 s: expected a time before' "$work/back-$1.log"
+}
+back 30 &
+first=$!
+back 20 &
+wait $! || fail "the second does not go back: $(cat "$work/back-20.log")"
+wait $first || fail "the first does not go back: $(cat "$work/back-30.log")"
+expect 0 '"t":946684820.0*,"asked":0,' speed --json
+[ -e "$work/twice.1" ] || fail "nobody went back"
+kill -INT $pid
+wait $pid || fail "exit code $?"
+again "$work/twice"
 for was in back.1 back.2 back.3 back; do
   expect 0 '' "$apc" replay "$work/$was"
   "$apc" simulate "$work/$was" --csv - 2>"$work/simulate.log" | cmp - "$work/$was/samples.csv" || fail "the simulation of $was is another"
