@@ -175,7 +175,10 @@ struct apc_sensor_fault {
         APC_FAULT_STUCK = 1, /**< it goes on showing what it showed last */
         APC_FAULT_DRIFT,     /**< size is added for each second since it began */
         APC_FAULT_DROPOUT,   /**< Bad */
-        APC_FAULT_SPIKE      /**< size is added */
+        APC_FAULT_SPIKE,     /**< size is added */
+        APC_FAULT_BIAS,      /**< size is added as long as it lasts */
+        APC_FAULT_NOISE,     /**< a normal error of standard deviation size is added, drawn at each look */
+        APC_FAULT_FROZEN     /**< what it shows has the time at which it began */
     } kind;
     apc_ns at, duration; /**< duration 0: for ever; a spike, however short, is seen at one tick at least */
     double size;
@@ -200,7 +203,8 @@ struct apc_actuator_fault {
         APC_ACTUATOR_BACKLASH,   /**< of width size */
         APC_ACTUATOR_RATE,       /**< goes no faster than size in 1 s */
         APC_ACTUATOR_SATURATION, /**< goes no farther than low and high */
-        APC_ACTUATOR_REVERSE     /**< goes the wrong way: low is high */
+        APC_ACTUATOR_REVERSE,    /**< goes the wrong way: low is high */
+        APC_ACTUATOR_POWER       /**< has none: goes to low, its safe position */
     } kind;
     apc_ns at, duration; /**< duration 0: for ever */
     double size, jump;   /**< units of the input; of stiction: deadband and stickband together, slip jump */

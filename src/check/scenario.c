@@ -360,9 +360,8 @@ static void find_triggered_fault(struct scenario_reading *r, const struct scenar
 {
     const struct experiment *e = &r->of->e;
     const bool y = when->what == TRIGGER_SENSOR;
-    const size_t n = y             ? e->sensor[when->signal].n_faults
-                     : e->actuator ? e->actuator[when->signal].n_faults
-                                   : 0;
+    const size_t n = y ? e->sensor[when->signal].n_faults - EXPERIMENT_SENSOR_KINDS
+                       : e->actuator[when->signal].n_faults - EXPERIMENT_ACTUATOR_KINDS;
     char path[APC_TAG_LEN + 32];
     put_fault_path(e, when, path, sizeof path);
     if (n == 0 || n != count_changes(r, path))

@@ -771,6 +771,7 @@ void experiment_free(struct experiment *e)
     free(e->plant.noise);
     free(e->plant.clients);
     free(e->plant.disturbance);
+    free(e->plant.fault);
     free(e->sensor);
     free(e->faults);
     free(e->actuator);

@@ -78,6 +78,13 @@ struct rhythm {
     struct task_model model; /* in virtual time */
 };
 
+/* From a time on, since the plant's first tick, a disturbance is another one, or a parameter is off by so much more each
+ * second. As an instructor says: FAULT_NEVER in an experiment. */
+struct plant_fault {
+    apc_ns at, duration; /* duration 0: for ever */
+    double size;
+};
+
 /* A law or a model, as apc_law_find() and apc_model_find() take it. */
 struct plugin {
     char name[512];
@@ -212,6 +219,8 @@ struct experiment {
         double *noise;                    /* [model->nx] or NULL */
         struct apc_disturbance *disturbance;
         size_t n_disturbances;
+        struct plant_fault *fault; /* [n_faults] of each disturbance, then of each parameter */
+        size_t n_faults;
     } plant;
     struct {
         struct rhythm rhythm;
@@ -592,32 +601,84 @@ void record_free(struct record *record);
 int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record *record, char **text,
                     struct apc_error *why);
 
-/* Fault number @p i of the experiment: those of measurements, then those of outputs. When it begins, since the plant's first
- * tick, is of this run: people start and end faults (LOOPS_FAULT). kind NULL: there are no more. */
+/*
+ * Fault number @p i: those of the experiment's measurements, then those of its outputs; behind these one of each kind for
+ * each of them, each disturbance and each parameter of the plant, which waits for an instructor. When it begins, since the
+ * plant's first tick, and the numbers of one that waits so, are of this run (LOOPS_FAULT). kind NULL: there are no more.
+ */
 #define FAULT_NEVER INT64_MAX
+enum fault_number {
+    FAULT_SIZE,
+    FAULT_JUMP,
+    FAULT_LOW,
+    FAULT_HIGH,
+    FAULT_DURATION, /* s; 0: for ever */
+    FAULT_AT,       /* s since the start, not earlier */
+    FAULT_IF,       /* enum fault_if: once it is true as well */
+    FAULT_IF_TABLE, /* of what variable */
+    FAULT_IF_ID,
+    FAULT_IF_LIMIT,
+    FAULT_BEGAN, /* s since the start: the simulation has seen that it was; 0: not yet */
+    FAULT_NUMBERS
+};
+enum fault_if {
+    FAULT_IF_NONE,
+    FAULT_IF_BELOW,
+    FAULT_IF_NOT_ABOVE,
+    FAULT_IF_ABOVE,
+    FAULT_IF_NOT_BELOW,
+    FAULT_IF_ALARM
+};
 struct experiment_fault {
-    const struct apc_tag *signal;
-    const char *kind;
-    apc_ns *at;
+    const char *signal, *kind;
+    enum fault_of { FAULT_OF_SENSOR, FAULT_OF_ACTUATOR, FAULT_OF_DISTURBANCE, FAULT_OF_PARAMETER } of;
+    size_t k; /* which of them */
+    apc_ns *at, *duration;
+    double *number[FAULT_HIGH + 1]; /* NULL: it has none */
+    unsigned takes;                 /* of FAULT_SIZE to FAULT_HIGH, 1 << each: its kind */
+    int row;                        /* id of LOOPS_FAULT() */
+    int numbers; /* id of the first of LOOPS_FAULT_NUMBER(); 0: they are the experiment's */
 };
 struct experiment_fault experiment_fault(const struct experiment *e, size_t i);
+/* Of these last ones, of a measurement or an output. */
+#define EXPERIMENT_SENSOR_KINDS   ((size_t)APC_FAULT_FROZEN)
+#define EXPERIMENT_ACTUATOR_KINDS ((size_t)APC_ACTUATOR_POWER)
 
 /* Those of the experiment of a store. */
 struct faults {
     struct experiment e;
-    struct apc_sample *row; /* [n] newest of each, seq 0: nobody started or stopped it */
+    struct apc_sample *row;    /* [n] newest of each, seq 0: nobody started or stopped it */
+    struct apc_sample *number; /* [n * FAULT_NUMBERS] */
     size_t n;
 };
 enum fault_state { FAULT_WAITS, FAULT_TIMED, FAULT_STARTED, FAULT_STOPPED };
 /* Returns 0 or an error with a text in @p why; faults_close() in either case. */
 int faults_open(struct faults *f, struct apc_store *store, struct apc_error *why);
 void faults_close(struct faults *f);
+/* Is it the experiment's, or has somebody started it? */
+bool faults_listed(const struct faults *f, size_t i);
 enum fault_state faults_state(const struct faults *f, size_t i);
 const char *fault_state_name(enum fault_state state);
+/* How somebody has started it, as faults_find() reads it; "": it has nothing of that. */
+#define FAULT_TEXT 240
+const char *faults_words(const struct faults *f, size_t i, char text[FAULT_TEXT]);
 struct text;
 void faults_json(const struct faults *f, struct text *t);
-/* At the next tick of the plant fault @p i starts or stops. Returns 0 or the store's error. */
-int faults_order(struct apc_store *store, size_t i, bool start, const char *who);
+
+/* What somebody starts or stops. */
+struct fault_order {
+    size_t i; /* SIZE_MAX: the power of the plant, of all its sensors and actuators */
+    double number[FAULT_NUMBERS];
+};
+/*
+ * "3", as they are listed; or "y bias size=2 at=50 duration=10 when=u > 3", where what follows the kind may be left out but
+ * for what the kind takes, and to stop it altogether. Returns 0, or APC_EINVAL or APC_ENOTFOUND with a text in @p why.
+ */
+int faults_find(const struct faults *f, const char *text, bool start, struct fault_order *order,
+                struct apc_error *why);
+/* At the next tick of the plant it starts or stops. Returns 0 or the store's error. */
+int faults_order(const struct faults *f, struct apc_store *store, const struct fault_order *order, bool start,
+                 const char *who);
 
 /* The folder of the run whose run.conf @p e was read from; false: it is no run's. */
 bool experiment_run_dir(const struct experiment *e, char dir[EXPERIMENT_PATH]);

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "operate/operate.h"
+
 #define DAYS_366  (366 * 86400.0)
 #define RK4_STEPS 10 /* in each interval, as apc_plant_options has it */
 
@@ -49,24 +51,121 @@ static size_t find_plant_variable(struct settings *s, const config_setting_t *at
 
 /* ---- Sensors ------------------------------------------------------------------------------- */
 
-static const char *const sensor_faults[] = {"", "stuck", "drift", "dropout", "spike", NULL};
-static const char *const actuator_faults[] = {"",     "stuck",      "stiction", "backlash",
-                                              "rate", "saturation", "reverse",  NULL};
+static const char *const sensor_faults[] = {"",     "stuck", "drift",  "dropout", "spike",
+                                            "bias", "noise", "frozen", NULL};
+static const char *const actuator_faults[] = {"",           "stuck",   "stiction", "backlash", "rate",
+                                              "saturation", "reverse", "power",    NULL};
+
+static bool sensor_fault_has_size(enum apc_sensor_fault_kind kind)
+{
+    return kind == APC_FAULT_DRIFT || kind == APC_FAULT_SPIKE || kind == APC_FAULT_BIAS ||
+           kind == APC_FAULT_NOISE;
+}
+
+static bool actuator_fault_has_size(enum apc_actuator_fault_kind kind)
+{
+    return kind == APC_ACTUATOR_STICTION || kind == APC_ACTUATOR_BACKLASH || kind == APC_ACTUATOR_RATE;
+}
+
+static struct experiment_fault sensor_fault(const struct experiment *e, size_t y, size_t i)
+{
+    struct apc_sensor_fault *fault = &e->faults[i];
+    return (struct experiment_fault){.signal = e->y[y].tag.name,
+                                     .kind = sensor_faults[fault->kind],
+                                     .of = FAULT_OF_SENSOR,
+                                     .k = y,
+                                     .at = &fault->at,
+                                     .duration = &fault->duration,
+                                     .number = {[FAULT_SIZE] = &fault->size},
+                                     .takes = sensor_fault_has_size(fault->kind) ? 1U << FAULT_SIZE : 0};
+}
+
+static struct experiment_fault actuator_fault(const struct experiment *e, size_t u, size_t i)
+{
+    struct apc_actuator_fault *fault = &e->actuator_faults[i];
+    const bool ends = fault->kind == APC_ACTUATOR_SATURATION;
+    return (struct experiment_fault){
+        .signal = e->u[u].tag.name,
+        .kind = actuator_faults[fault->kind],
+        .of = FAULT_OF_ACTUATOR,
+        .k = u,
+        .at = &fault->at,
+        .duration = &fault->duration,
+        .number = {&fault->size, &fault->jump, ends ? &fault->low : NULL, ends ? &fault->high : NULL},
+        .takes = (actuator_fault_has_size(fault->kind) ? 1U << FAULT_SIZE : 0) |
+                 (fault->kind == APC_ACTUATOR_STICTION ? 1U << FAULT_JUMP : 0) |
+                 (ends ? 1U << FAULT_LOW | 1U << FAULT_HIGH : 0)};
+}
+
+static struct experiment_fault plant_fault(const struct experiment *e, size_t i)
+{
+    const struct apc_model *m = e->plant.model;
+    struct plant_fault *fault = &e->plant.fault[i];
+    const bool parameter = i >= m->nd;
+    const size_t k = parameter ? i - m->nd : i;
+    return (struct experiment_fault){.signal = parameter ? m->param[k].name : m->disturbance[k].name,
+                                     .kind = parameter ? "drift" : "disturbance",
+                                     .of = parameter ? FAULT_OF_PARAMETER : FAULT_OF_DISTURBANCE,
+                                     .k = k,
+                                     .at = &fault->at,
+                                     .duration = &fault->duration,
+                                     .number = {[FAULT_SIZE] = &fault->size},
+                                     .takes = 1U << FAULT_SIZE};
+}
+
+/* Number *@p i of the experiment's own; else *@p i has become one of those that wait for an instructor. */
+static bool find_own_fault(const struct experiment *e, size_t *i, struct experiment_fault *fault)
+{
+    size_t place = 0;
+    for (size_t y = 0; y < e->dim.ny; place += e->sensor[y++].n_faults) {
+        const size_t n = e->sensor[y].n_faults - EXPERIMENT_SENSOR_KINDS;
+        if (*i < n) {
+            *fault = sensor_fault(e, y, place + *i);
+            return true;
+        }
+        *i -= n;
+    }
+    place = 0;
+    for (size_t u = 0; u < e->dim.nu; place += e->actuator[u++].n_faults) {
+        const size_t n = e->actuator[u].n_faults - EXPERIMENT_ACTUATOR_KINDS;
+        if (*i < n) {
+            *fault = actuator_fault(e, u, place + *i);
+            return true;
+        }
+        *i -= n;
+    }
+    return false;
+}
+
+static struct experiment_fault find_waiting_fault(const struct experiment *e, size_t i)
+{
+    size_t end = 0;
+    for (size_t y = 0; y < e->dim.ny; y++, i -= EXPERIMENT_SENSOR_KINDS) {
+        end += e->sensor[y].n_faults;
+        if (i < EXPERIMENT_SENSOR_KINDS)
+            return sensor_fault(e, y, end - EXPERIMENT_SENSOR_KINDS + i);
+    }
+    end = 0;
+    for (size_t u = 0; u < e->dim.nu; u++, i -= EXPERIMENT_ACTUATOR_KINDS) {
+        end += e->actuator[u].n_faults;
+        if (i < EXPERIMENT_ACTUATOR_KINDS)
+            return actuator_fault(e, u, end - EXPERIMENT_ACTUATOR_KINDS + i);
+    }
+    return i < e->plant.n_faults ? plant_fault(e, i) : (struct experiment_fault){.kind = NULL};
+}
 
 struct experiment_fault experiment_fault(const struct experiment *e, size_t i)
 {
-    size_t k = i;
-    for (size_t y = 0; y < e->dim.ny; k -= e->sensor[y++].n_faults)
-        if (k < e->sensor[y].n_faults) {
-            struct apc_sensor_fault *fault = &e->faults[i];
-            return (struct experiment_fault){&e->y[y].tag, sensor_faults[fault->kind], &fault->at};
-        }
-    for (size_t n = 0, u = 0; e->actuator && u < e->dim.nu; n += e->actuator[u++].n_faults)
-        if (k - n < e->actuator[u].n_faults) {
-            struct apc_actuator_fault *fault = &e->actuator_faults[k];
-            return (struct experiment_fault){&e->u[u].tag, actuator_faults[fault->kind], &fault->at};
-        }
-    return (struct experiment_fault){NULL, NULL, NULL};
+    struct experiment_fault fault = {.kind = NULL};
+    size_t waiting = i;
+    if (find_own_fault(e, &waiting, &fault)) {
+        fault.row = LOOPS_FAULT(i);
+    } else if (waiting < LOOPS_FAULT_MOST) {
+        fault = find_waiting_fault(e, waiting);
+        fault.row = LOOPS_FAULT(LOOPS_FAULT_OWN + waiting);
+        fault.numbers = LOOPS_FAULT_NUMBER(waiting, 0);
+    }
+    return fault;
 }
 
 /* Its kind, 1 and up by @kinds, whose first is none; @said: what there is. Then when it is. */
@@ -114,11 +213,13 @@ static void read_fault(struct settings *s, const config_setting_t *group, struct
     static const char *const known[] = {"kind", "at", "instructor", "duration", "size", NULL};
     apc_ns when[2] = {0, 0};
     fault->kind = (enum apc_sensor_fault_kind)read_fault_time(
-        s, group, known, sensor_faults, "\"stuck\", \"drift\", \"dropout\" or \"spike\"", when);
+        s, group, known, sensor_faults,
+        "\"stuck\", \"drift\", \"dropout\", \"spike\", \"bias\", \"noise\" or \"frozen\"", when);
     fault->at = when[0];
     fault->duration = when[1];
-    read_fault_number(s, group, "size", fault->kind == APC_FAULT_DRIFT || fault->kind == APC_FAULT_SPIKE,
-                      -APC_VALUE_MAX / 2, APC_VALUE_MAX / 2, &fault->size);
+    read_fault_number(s, group, "size", sensor_fault_has_size(fault->kind),
+                      fault->kind == APC_FAULT_NOISE ? 0 : -APC_VALUE_MAX / 2, APC_VALUE_MAX / 2,
+                      &fault->size);
 }
 
 static const config_setting_t *faults_of(struct settings *s, const config_setting_t *list, size_t i)
@@ -136,7 +237,7 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
         n += faults ? (size_t)config_setting_length(faults) : 0;
     }
     e->sensor = zeros(s, e->dim.ny, sizeof *e->sensor);
-    e->faults = zeros(s, n, sizeof *e->faults);
+    e->faults = zeros(s, n + e->dim.ny * EXPERIMENT_SENSOR_KINDS, sizeof *e->faults);
     n = 0;
     for (size_t i = 0; i < e->dim.ny && !s->failed; i++) {
         const config_setting_t *one = config_setting_get_elem(list, (unsigned)i);
@@ -149,37 +250,50 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
         sensor->n_faults = faults ? (size_t)config_setting_length(faults) : 0;
         for (unsigned k = 0; k < sensor->n_faults && !s->failed; k++)
             read_fault(s, config_setting_get_elem(faults, k), &e->faults[n++]);
+        for (int kind = APC_FAULT_STUCK; kind <= APC_FAULT_FROZEN && !s->failed; kind++)
+            e->faults[n++] =
+                (struct apc_sensor_fault){.kind = (enum apc_sensor_fault_kind)kind, .at = FAULT_NEVER};
+        sensor->n_faults += EXPERIMENT_SENSOR_KINDS;
     }
 }
 
 /* ---- Actuators ----------------------------------------------------------------------------- */
 
-static void read_actuator_fault(struct settings *s, const config_setting_t *group, const struct apc_tag *tag,
+/* What is the output's own of such a kind. */
+static struct apc_actuator_fault make_actuator_fault(const struct signal *u, int kind, apc_ns at)
+{
+    const struct apc_tag *tag = &u->tag;
+    struct apc_actuator_fault fault = {.kind = (enum apc_actuator_fault_kind)kind, .at = at};
+    if (kind == APC_ACTUATOR_POWER)
+        fault.low = fault.high = u->safe;
+    else if (kind == APC_ACTUATOR_REVERSE && tag->low > -APC_VALUE_MAX && tag->high < APC_VALUE_MAX) {
+        fault.low = tag->low;
+        fault.high = tag->high;
+    }
+    return fault;
+}
+
+static void read_actuator_fault(struct settings *s, const config_setting_t *group, const struct signal *u,
                                 struct apc_actuator_fault *fault)
 {
+    const struct apc_tag *tag = &u->tag;
     static const char *const known[] = {"kind", "at",  "instructor", "duration", "size",
                                         "jump", "low", "high",       NULL};
     apc_ns when[2] = {0, 0};
     const int k = read_fault_time(
         s, group, known, actuator_faults,
-        "\"stuck\", \"stiction\", \"backlash\", \"rate\", \"saturation\" or \"reverse\"", when);
+        "\"stuck\", \"stiction\", \"backlash\", \"rate\", \"saturation\", \"reverse\" or \"power\"", when);
     const bool ends = k == APC_ACTUATOR_SATURATION;
-    fault->kind = (enum apc_actuator_fault_kind)k;
-    fault->at = when[0];
+    *fault = make_actuator_fault(u, k, when[0]);
     fault->duration = when[1];
-    read_fault_number(s, group, "size",
-                      k == APC_ACTUATOR_STICTION || k == APC_ACTUATOR_BACKLASH || k == APC_ACTUATOR_RATE, 0,
-                      APC_VALUE_MAX / 2, &fault->size);
+    read_fault_number(s, group, "size", actuator_fault_has_size(fault->kind), 0, APC_VALUE_MAX / 2,
+                      &fault->size);
     read_fault_number(s, group, "jump", k == APC_ACTUATOR_STICTION, 0, APC_VALUE_MAX / 2, &fault->jump);
     read_fault_number(s, group, "low", ends, tag->low, tag->high, &fault->low);
     read_fault_number(s, group, "high", ends, tag->low, tag->high, &fault->high);
     if (ends && fault->high < fault->low)
         settings_fail(s, group, "\"low\" is %.15g: must be at most \"high\", %.15g", fault->low, fault->high);
-    if (s->failed || k != APC_ACTUATOR_REVERSE)
-        return;
-    fault->low = tag->low;
-    fault->high = tag->high;
-    if (tag->low <= -APC_VALUE_MAX || tag->high >= APC_VALUE_MAX)
+    if (k == APC_ACTUATOR_REVERSE && fault->high <= fault->low)
         settings_fail(s, group,
                       "a fault of kind \"reverse\" swaps the limits: give output %s \"low\" and \"high\"",
                       tag->name);
@@ -194,18 +308,18 @@ void experiment_read_actuators(struct settings *s, const config_setting_t *list,
         const config_setting_t *faults = faults_of(s, list, i);
         n += faults ? (size_t)config_setting_length(faults) : 0;
     }
-    if (n == 0)
-        return;
     e->actuator = zeros(s, e->dim.nu, sizeof *e->actuator);
-    e->actuator_faults = zeros(s, n, sizeof *e->actuator_faults);
+    e->actuator_faults = zeros(s, n + e->dim.nu * EXPERIMENT_ACTUATOR_KINDS, sizeof *e->actuator_faults);
     n = 0;
     for (size_t i = 0; i < e->dim.nu && !s->failed; i++) {
         const config_setting_t *faults = faults_of(s, list, i);
         e->actuator[i].fault = e->actuator_faults + n;
         e->actuator[i].n_faults = faults ? (size_t)config_setting_length(faults) : 0;
         for (unsigned k = 0; k < e->actuator[i].n_faults && !s->failed; k++)
-            read_actuator_fault(s, config_setting_get_elem(faults, k), &e->u[i].tag,
-                                &e->actuator_faults[n++]);
+            read_actuator_fault(s, config_setting_get_elem(faults, k), &e->u[i], &e->actuator_faults[n++]);
+        for (int kind = APC_ACTUATOR_STUCK; kind <= APC_ACTUATOR_POWER && !s->failed; kind++)
+            e->actuator_faults[n++] = make_actuator_fault(&e->u[i], kind, FAULT_NEVER);
+        e->actuator[i].n_faults += EXPERIMENT_ACTUATOR_KINDS;
     }
 }
 
@@ -360,6 +474,10 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
     struct apc_error why;
     int64_t steps = 0;
     o->size = sizeof *o;
+    e->plant.n_faults = e->plant.model->nd + (e->plant.model->param ? e->plant.model->np : 0);
+    e->plant.fault = zeros(s, e->plant.n_faults, sizeof *e->plant.fault);
+    for (size_t i = 0; i < e->plant.n_faults && !s->failed; i++)
+        e->plant.fault[i].at = FAULT_NEVER;
     settings_text(s, group, "integrator", OPTIONAL, e->plant.integrator, sizeof e->plant.integrator);
     settings_number(s, group, "rtol", OPTIONAL, 1e-15, 0.1, &o->rtol);
     settings_number(s, group, "atol", OPTIONAL, 1e-300, 1e300, &o->atol);

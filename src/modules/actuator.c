@@ -11,7 +11,7 @@
 
 static int check_actuator_fault(const struct apc_actuator_fault *fault, size_t i, struct apc_error *why)
 {
-    if (fault->kind < APC_ACTUATOR_STUCK || fault->kind > APC_ACTUATOR_REVERSE)
+    if (fault->kind < APC_ACTUATOR_STUCK || fault->kind > APC_ACTUATOR_POWER)
         return apc_fail(why, APC_EINVAL, "actuator %zu: %d is no kind of fault", i + 1, (int)fault->kind);
     if (fault->at < 0 || fault->duration < 0)
         return apc_fail(why, APC_EINVAL, "actuator %zu: a fault's begin and duration must be 0 or above",
@@ -77,6 +77,9 @@ double apc_actuator_move(const struct apc_actuator *actuator, apc_ns before, apc
             break;
         case APC_ACTUATOR_REVERSE:
             to = fault->low + fault->high - to;
+            break;
+        case APC_ACTUATOR_POWER:
+            to = fault->low;
             break;
         }
     }

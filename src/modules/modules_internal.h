@@ -40,9 +40,10 @@ int apc_fallback_copy(double *to, const double *from, const double *low, const d
 /** A sensor and what it remembers. */
 struct apc_reading {
     const struct apc_sensor *sensor;
-    struct apc_random noise;
-    apc_ns before; /* of its last look */
-    double shown;  /* then */
+    struct apc_random noise, faulty; /* faulty: of faults */
+    apc_ns before;                   /* of its last look */
+    double shown;                    /* then */
+    bool frozen;                     /* the time of what it shows stands still */
 };
 
 /** Check @p n sensors. Returns 0 or APC_EINVAL. */

@@ -479,11 +479,12 @@ static void publish_measurements(struct apc_plantserver *s, struct apc_now now, 
     for (size_t i = 0; i < s->ny; i++) {
         if (solved && !again && !apc_reading_due(&s->sensor[i], t))
             continue;
-        s->time[i] = now.utc;
         if (solved)
             s->y[i] = apc_reading_take(&s->sensor[i], t, s->output[i], &s->status[i]);
         else
             s->status[i] = APC_BAD_DEVICE_FAILURE; /* y keeps the last value that there was */
+        if (!solved || !s->sensor[i].frozen)
+            s->time[i] = now.utc;
     }
     s->solved = solved;
 }

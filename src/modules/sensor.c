@@ -8,12 +8,15 @@
 
 static int check_fault(const struct apc_sensor_fault *fault, size_t i, struct apc_error *why)
 {
-    if (fault->kind < APC_FAULT_STUCK || fault->kind > APC_FAULT_SPIKE)
+    if (fault->kind < APC_FAULT_STUCK || fault->kind > APC_FAULT_FROZEN)
         return apc_fail(why, APC_EINVAL, "sensor %zu: %d is no kind of fault", i + 1, (int)fault->kind);
     if (fault->at < 0 || fault->duration < 0 || !apc_value_ok(fault->size))
         return apc_fail(why, APC_EINVAL,
                         "sensor %zu: a fault's begin and duration must be 0 or above, its size finite",
                         i + 1);
+    if (fault->kind == APC_FAULT_NOISE && fault->size < 0)
+        return apc_fail(why, APC_EINVAL, "sensor %zu: noise of a fault is %g: must be 0 or above", i + 1,
+                        fault->size);
     return 0;
 }
 
@@ -43,6 +46,8 @@ void apc_reading_init(struct apc_reading *reading, const struct apc_sensor *sens
     (void)snprintf(name, sizeof(name), "sensor.noise.%zu", i + 1);
     *reading = (struct apc_reading){.sensor = sensor, .before = -1};
     apc_random_init(&reading->noise, seed, name);
+    (void)snprintf(name, sizeof(name), "sensor.fault.%zu", i + 1);
+    apc_random_init(&reading->faulty, seed, name);
 }
 
 static bool active(const struct apc_sensor_fault *fault, apc_ns before, apc_ns t)
@@ -67,6 +72,7 @@ double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc
     bool stuck = false;
 
     *status = APC_GOOD;
+    reading->frozen = false;
     if (s->noise > 0.0)
         value += s->noise * apc_random_normal(&reading->noise);
     for (size_t k = 0; k < s->n_faults; k++) {
@@ -74,14 +80,28 @@ double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc
 
         if (!active(fault, reading->before, t))
             continue;
-        if (fault->kind == APC_FAULT_DRIFT)
+        switch (fault->kind) {
+        case APC_FAULT_DRIFT:
             value += fault->size * apc_ns_to_s(t - fault->at);
-        else if (fault->kind == APC_FAULT_SPIKE)
+            break;
+        case APC_FAULT_SPIKE:
+        case APC_FAULT_BIAS:
             value += fault->size;
-        else
-            stuck = true;
-        if (fault->kind == APC_FAULT_DROPOUT)
+            break;
+        case APC_FAULT_NOISE:
+            value += fault->size * apc_random_normal(&reading->faulty);
+            break;
+        case APC_FAULT_FROZEN:
+            reading->frozen = reading->before >= 0;
+            break;
+        case APC_FAULT_DROPOUT:
             *status = APC_BAD_SENSOR_FAILURE;
+            stuck = true;
+            break;
+        case APC_FAULT_STUCK:
+            stuck = true;
+            break;
+        }
     }
     if (s->quantum > 0.0)
         value = s->quantum * round(value / s->quantum);

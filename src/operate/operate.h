@@ -38,11 +38,16 @@
 #define LOOPS_ASKED(variable)      (10 * LOOPS_IDS + (variable))
 #define LOOPS_ASKED_OVER(variable) (13 * LOOPS_IDS + (variable))
 
-/* Of table opmode: fault number @p i of a simulated plant, from 0: 1 from its row on, 0 no more. */
-#define LOOPS_FAULT(i) (9 * LOOPS_IDS + 1 + (int)(i))
+/* Of table opmode: fault number @p i of a simulated plant, from 0: 1 from its row on, 0 no more. Those of the experiment are
+ * below LOOPS_FAULT_OWN, behind them is one of each kind for each signal. */
+#define LOOPS_FAULT(i)   (9 * LOOPS_IDS + 1 + (int)(i))
+#define LOOPS_FAULT_OWN  2048
+#define LOOPS_FAULT_MOST 5000 /* of these latter ones, which have */
+/* Of table tuning: numbers of their own; @p i begins at LOOPS_FAULT_OWN. */
+#define LOOPS_FAULT_NUMBER(i, k) (9 * LOOPS_IDS + 1 + 12 * (int)(i) + (int)(k))
 static inline bool loops_is_fault(const struct apc_sample *row)
 {
-    return row->table == APC_OPMODE && row->id / LOOPS_IDS == 9;
+    return (row->table == APC_OPMODE || row->table == APC_TUNING) && row->id / LOOPS_IDS == 9;
 }
 
 struct loops_controller {

@@ -215,27 +215,9 @@ static void look_for_ramps(struct simulation *s)
 
 /* ---- What is repeated ----------------------------------------------------------------------- */
 
-/* Begin and end are those of the plant's tick that is now. What was seen before is passed over. */
-static void start_fault(struct simulation *s, size_t i, apc_ns *at)
-{
-    const apc_ns now = apc_clock_mono(s->clock) - s->zero - s->e->plant.rhythm.phase;
-    struct apc_sample row = {.table = APC_OPMODE, .id = LOOPS_FAULT(i)};
-    simulation_stop_at_store(s, apc_store_read(s->store, &row, 1));
-    if (row.seq == s->fault_seen[i])
-        return;
-    s->fault_seen[i] = row.seq;
-    *at = row.value == 0 ? FAULT_NEVER : now > 0 ? now : 0;
-}
-
-static void see_faults(struct simulation *s)
-{
-    for (size_t i = 0; i < s->n_faults; i++)
-        start_fault(s, i, experiment_fault(s->e, i).at);
-}
-
 void simulation_see_writes(struct simulation *s)
 {
-    see_faults(s);
+    simulation_see_faults(s);
     for (size_t k = 0; k < s->e->dim.nz; k++) {
         struct apc_sample newest = {.table = APC_SETPOINT, .id = (int)k + 1};
         simulation_stop_at_store(s, apc_store_read(s->store, &newest, 1));

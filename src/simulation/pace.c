@@ -85,8 +85,7 @@ static void on_written(void *ctx)
 
 /* ---- A tick --------------------------------------------------------------------------------- */
 
-/* t of the plant's next tick. */
-static apc_ns next_plant_tick(const struct simulation *s, apc_ns t)
+apc_ns simulation_next_tick(const struct simulation *s, apc_ns t)
 {
     const struct rhythm *r = &s->e->plant.rhythm;
     return t < r->phase ? r->phase : r->phase + ((t - r->phase) / r->period + 1) * r->period;
@@ -110,7 +109,7 @@ static void tell_written(struct pacer *p)
 static int make_paced_tick(struct pacer *p, apc_ns t, apc_ns end)
 {
     struct simulation *s = p->s;
-    const apc_ns next = next_plant_tick(s, t);
+    const apc_ns next = simulation_next_tick(s, t);
     const int64_t written = apc_store_begin_tick(s->store);
     simulation_stop_at_store(s, written < 0 ? (int)written : written > 0 ? keep_written(p, t) : 0);
     if (written > 0)

@@ -208,6 +208,7 @@ static void plant_finish(void *ctx)
                         state, DIVERGED);
     } else {
         record_plant(s);
+        simulation_break_plant(s);
     }
 }
 
@@ -554,15 +555,19 @@ static int make_simulated_room(struct simulation *s)
                                      APC_PART(s->answer, dim->ny),
                                      APC_PART(s->outside, dim->ny),
                                      APC_PART(s->now, dim->nu),
-                                     APC_PART(s->fault_seen, s->n_faults),
-                                     APC_PART(s->fault_at, s->n_faults)};
+                                     APC_PART(s->fault, s->n_faults),
+                                     APC_PART(s->fault_row, s->n_faults),
+                                     APC_PART(s->plant_fault_acts, s->e->plant.n_faults)};
     s->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
     if (!s->memory || trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
     for (size_t i = 0; i < dim->nu; i++)
         s->u[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
-    for (size_t i = 0; i < s->n_faults; i++)
-        s->fault_at[i] = *experiment_fault(s->e, i).at;
+    for (size_t i = 0; i < s->n_faults; i++) {
+        const struct experiment_fault fault = experiment_fault(s->e, i);
+        s->fault[i].at = *fault.at;
+        s->fault_row[i] = (struct apc_sample){.table = APC_OPMODE, .id = fault.row};
+    }
     return 0;
 }
 
@@ -674,8 +679,8 @@ void simulation_destroy(struct simulation *s)
     free(s->task);
     free(s->controller);
     for (size_t i = 0; s->memory && i < s->n_faults; i++)
-        if (s->fault_seen[i] > 0)
-            *experiment_fault(s->e, i).at = s->fault_at[i];
+        if (s->fault[i].seen > 0)
+            *experiment_fault(s->e, i).at = s->fault[i].at;
     free(s->memory);
     free(s->clock_steps);
     free(s->action_steps);

@@ -97,8 +97,14 @@ struct simulation {
     void *measured_ctx;
 
     size_t n_faults;
-    int64_t *fault_seen; /* [n_faults] seq of the row that started or stopped it, as far as it is seen */
-    apc_ns *fault_at;    /* [n_faults] when it begins by the experiment, which has that again afterwards */
+    struct simulated_fault {
+        int64_t seen;               /* seq of the row that started or stopped it, as far as it is seen */
+        apc_ns at;                  /* when it begins by the experiment, which has that again afterwards */
+        bool waits;                 /* until its condition is true */
+    } * fault;                      /* [n_faults] */
+    struct apc_sample *fault_row;   /* [n_faults] */
+    bool faults_wait, breaks_plant; /* some do; some are of the plant itself, of which act: */
+    bool *plant_fault_acts;         /* [e->plant.n_faults] */
 
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */

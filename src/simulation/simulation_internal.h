@@ -38,4 +38,16 @@ void simulation_repeat(void *simulation);
 /* What others wrote is seen by those who are not told of it: the trajectory, the scheduler, who moves ramps. */
 void simulation_see_writes(struct simulation *s);
 
+/* ---- instructor.c */
+
+/* Faults that people started or stopped. */
+void simulation_see_faults(struct simulation *s);
+/* Those of the plant itself, at its tick. */
+void simulation_break_plant(struct simulation *s);
+
+/* ---- pace.c */
+
+/* The plant's tick after @t, both since t = 0. */
+apc_ns simulation_next_tick(const struct simulation *s, apc_ns t);
+
 #endif

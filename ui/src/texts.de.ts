@@ -123,6 +123,8 @@ export const de = {
   "faults.stopped": "beendet {at}",
   "faults.start": "{fault} beginnen",
   "faults.stop": "{fault} beenden",
+  "faults.new": "Signal, Art, Einstellungen",
+  "faults.begin": "Beginnen",
 
   "login.title": "Ihre Sitzung ist beendet",
   "login.label": "Anmelden",

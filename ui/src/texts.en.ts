@@ -122,6 +122,8 @@ export const en = {
   "faults.stopped": "stopped at {at}",
   "faults.start": "Start {fault}",
   "faults.stop": "Stop {fault}",
+  "faults.new": "Signal, kind, settings",
+  "faults.begin": "Start",
 
   "login.title": "Your session has ended",
   "login.label": "Log in",

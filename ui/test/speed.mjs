@@ -49,6 +49,14 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await until("it has started", async () => /y stuck: started at 2000-01-01/.test(await strip(page).locator(".faults").textContent()));
   await press(page, "Stop y stuck");
   await until("it has stopped", async () => /y stuck: stopped at 2000-01-01/.test(await strip(page).locator(".faults").textContent()));
+  // Promise(page/faults-any): There she starts any other one, in the words of `apc fault`; a wrong one is refused with what there is.
+  const fault = strip(page).getByLabel("Signal, kind, settings");
+  await fault.fill("y bias");
+  await fault.press("Enter");
+  await until("it is refused", async () => /"bias" needs size=NUMBER/.test(await strip(page).locator(".faults").textContent()));
+  await fault.fill("y bias size=0.5 when=y > 1e6");
+  await fault.press("Enter");
+  await until("it waits", async () => /y bias size=0.5 when=y > 1000000: waits/.test(await strip(page).locator(".faults").textContent()));
 
   await press(page, "10×");
   await until("it goes on", async () => (await time(page)) > begin + 5);

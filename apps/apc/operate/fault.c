@@ -9,21 +9,27 @@
 #include "simulation/simulation.h"
 
 static const struct cli_spec spec = {
-    .args_doc = "[start N | stop N]",
-    .doc = "List the faults of the plant of `apc run --speed`, as its experiment has them, and start or stop "
-           "number "
-           "N at the plant's next tick. With `instructor = true` instead of `at` a fault waits for that. "
-           "Nothing on "
-           "the page tells operators of it; the session repeats it at the same tick.",
+    .args_doc = "[start FAULT | stop FAULT]",
+    .doc =
+        "List the faults of the plant of `apc run --speed`, and start or stop one at the plant's next tick. "
+        "FAULT is "
+        "its number in the list, or SIGNAL KIND [SETTING=NUMBER...] [when=CONDITION], of any measurement, "
+        "output, "
+        "disturbance or parameter. Kinds and settings are those of the experiment file, with at=SECONDS and "
+        "duration=SECONDS. A disturbance has the kind disturbance, a parameter the kind drift, both with "
+        "size. "
+        "CONDITION is `y > 21`, or `alarm NAME`. `plant power` is the power of all. Nothing on the page "
+        "tells "
+        "operators of it; the session repeats it at the same tick.",
     .takes = CLI_STORE | CLI_FORMAT,
-    .max_args = 2,
+    .max_args = 16,
 };
 
 static void put_fault_state(struct print_table *t, const struct faults *f, size_t i)
 {
     const enum fault_state state = faults_state(f, i);
     if (state == FAULT_WAITS)
-        print_cell(t, PRINT_FAINT, "waits for the instructor");
+        print_cell(t, PRINT_FAINT, f->row[i].seq > 0 ? "waits" : "waits for the instructor");
     else if (state == FAULT_TIMED)
         print_cell(t, PRINT_PLAIN, "at %.10g s", apc_ns_to_s(*experiment_fault(&f->e, i).at));
     else
@@ -33,8 +39,13 @@ static void put_fault_state(struct print_table *t, const struct faults *f, size_
 
 static int list_faults(const struct cli *cli, const struct faults *f)
 {
-    static const struct print_column columns[] = {
-        {"FAULT", PRINT_RIGHT}, {"SIGNAL", PRINT_LEFT}, {"KIND", PRINT_LEFT}, {"STATE", PRINT_LEFT}};
+    static const struct print_column columns[] = {{"FAULT", PRINT_RIGHT},
+                                                  {"SIGNAL", PRINT_LEFT},
+                                                  {"KIND", PRINT_LEFT},
+                                                  {"WITH", PRINT_LEFT},
+                                                  {"STATE", PRINT_LEFT}};
+    char with[FAULT_TEXT];
+    size_t listed = 0;
     struct print_table t;
     if (cli->format == CLI_JSON) {
         struct text out = {.out = stdout};
@@ -44,35 +55,52 @@ static int list_faults(const struct cli *cli, const struct faults *f)
     }
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < f->n; i++) {
+        if (!faults_listed(f, i))
+            continue;
         const struct experiment_fault fault = experiment_fault(&f->e, i);
+        listed++;
         print_cell(&t, PRINT_PLAIN, "%zu", i + 1);
-        print_cell(&t, PRINT_PLAIN, "%s", fault.signal->name);
+        print_cell(&t, PRINT_PLAIN, "%s", fault.signal);
         print_cell(&t, PRINT_PLAIN, "%s", fault.kind);
+        print_cell(&t, PRINT_PLAIN, "%s", faults_words(f, i, with));
         put_fault_state(&t, f, i);
     }
-    if (f->n == 0)
-        puts("the experiment has no faults: give a measurement or an output some");
+    if (listed == 0)
+        puts("the experiment has no faults, and nobody has started any");
     return print_table_end(&t, stdout, cli_colour(), 0) < 0 ? EXIT_ERROR : EXIT_OK;
+}
+
+/* The arguments behind the first, as one text. */
+static void join_fault_words(const struct cli *cli, char *text, size_t size)
+{
+    size_t used = 0;
+    text[0] = '\0';
+    for (int i = 1; i < cli->n_args && used < size; i++)
+        used += (size_t)snprintf(text + used, size - used, "%s%s", i > 1 ? " " : "", cli->args[i]);
 }
 
 static int order_fault(const struct cli *cli, struct apc_store *store, const struct faults *f)
 {
     const bool start = !strcmp(cli->args[0], "start");
-    char who[APC_AUTHOR_LEN];
-    double number = 0;
+    char who[APC_AUTHOR_LEN], text[2 * FAULT_TEXT];
+    struct fault_order order;
+    struct apc_error why;
     if ((!start && strcmp(cli->args[0], "stop") != 0) || cli->n_args < 2)
-        return cli_usage(cli, "expected `start N` or `stop N`, N as `apc fault` lists it");
-    if (apc_number_parse(cli->args[1], &number) < 0 || number != (double)(int)number || !(number >= 1) ||
-        number > (double)f->n)
-        return cli_error(cli, APC_ENOTFOUND, "there is no fault %s: `apc fault` lists them, 1 to %zu",
-                         cli->args[1], f->n);
-    const size_t i = (size_t)number - 1;
-    const struct experiment_fault fault = experiment_fault(&f->e, i);
+        return cli_usage(
+            cli, "expected `start FAULT` or `stop FAULT`, FAULT as `apc fault` lists it, or SIGNAL KIND");
+    join_fault_words(cli, text, sizeof text);
+    int rc = faults_find(f, text, start, &order, &why);
+    if (rc < 0)
+        return cli_error(cli, rc, "%s", why.text);
     operate_who(who, sizeof who);
-    const int rc = faults_order(store, i, start, who);
+    rc = faults_order(f, store, &order, start, who);
     if (rc < 0)
         return cli_store_error(cli, rc, store);
-    printf("%s %s: %s at the next tick\n", fault.signal->name, fault.kind, start ? "starts" : "stops");
+    const struct experiment_fault fault = experiment_fault(&f->e, order.i);
+    const char *when = order.number[FAULT_IF] + order.number[FAULT_AT] > 0 ? "starts once that is so"
+                                                                           : "starts at the next tick";
+    printf("%s %s: %s\n", fault.kind ? fault.signal : "plant", fault.kind ? fault.kind : "power",
+           start ? when : "stops at the next tick");
     return EXIT_OK;
 }
 

@@ -94,8 +94,12 @@ told '400' '{"steps":1}'
 # faults BODY: what POST /api/faults answers
 faults() { curl -sS -w ' %{http_code}' -X POST -H 'Content-Type: application/json' -H "X-CSRF-Token: $csrf" -d "$1" "${page}api/faults"; }
 expect 0 '^{"faults":\[\]}' curl -sS "${page}api/faults"
-expect 0 '"there is no such fault".* 422$' faults '{"fault":1,"start":true}'
-expect 0 ' 400$' faults '{"fault":1}'
+expect 0 '"there is no fault 1 in the list".* 422$' faults '{"fault":1,"start":true}'
+expect 0 '"field":"start".* 400$' faults '{"fault":1}'
+expect 0 '"field":"fault".* 400$' faults '{"fault":[],"start":true}'
+expect 0 'a fault of kind .*bias.* needs size=NUMBER.* 422$' faults '{"fault":"y bias","start":true}'
+expect 0 '"signal":"y","kind":"bias","settings":"size=0.1 at=1000","state":"waits".* 200$' faults '{"fault":"y bias size=0.1 at=1000","start":true}'
+expect 0 '"state":"stopped".* 200$' faults '{"fault":"y bias","start":false}'
 told '"asked":2\.?5?,.* 200' '{"speed":2.5}'
 told '"asked":null,.* 200' '{"speed":null}'
 wait $pid || fail "exit code $?"
@@ -320,15 +324,16 @@ expect 0 '^y\.high +3 +Acknowledged Active' "$apc" alarm list --store "$store"
 fault() { "$apc" fault --store "$store" "$@"; }
 expect 0 '1 +y +stuck +waits for the instructor' fault
 expect 0 '2 +u +saturation +at 50 s' fault
+expect 0 '^2$' bash -c "$(declare -f fault); apc=$apc store=$store; fault --json | grep -o number | wc -l"
 expect 0 'y stuck: starts at the next tick' fault start 1
 speed step 10
 expect 0 'u saturation: starts' fault start 2
 expect 0 'y stuck: stops' fault stop 1
 speed step 5
 expect 0 '1 +y +stuck +stopped at 7 s' fault
-expect 0 '"number":2,"signal":"u","kind":"saturation","state":"started","since":946684807' fault --json
-expect 2 'expected `start N` or `stop N`' fault start
-expect 1 'there is no fault 3: `apc fault` lists them, 1 to 2' fault start 3
+expect 0 '"number":2,"signal":"u","kind":"saturation","settings":"","state":"started","since":946684807' fault --json
+expect 2 'expected `start FAULT` or `stop FAULT`' fault start
+expect 1 'there is no fault 3 in the list' fault start 3
 expect 0 '^y\.high: acknowledged|^y\.high: shelved .*paused' "$apc" alarm shelve y.high --for 1h --store "$store"
 # Promise(simulation/check-session): `apc check --session RUN` judges what people did in that run of `apc run --speed`: it repeats
 #   what they wrote at the same ticks. Of one that has not ended it refuses to say anything.
@@ -374,6 +379,48 @@ echo 'experiment = "alarmed"; duration = 4.0; expect = ( "y < 9" );' >"$work/own
 expect 2 'own.scenario:1: "duration" would make another run of session' "$apc" check "$work/own.scenario"
 expect 2 'a session is judged as it was: not with --runs' "$apc" check "$work/exam.scenario" --session "$work/alarmed" --seed 2
 expect 2 'expected the folder of a run of `apc run --speed`' "$apc" check "$work/exam.scenario" --session "$file"
+
+# Promise(run/fault-any): `apc fault` starts and stops faults of every kind of any measurement, output, disturbance or parameter of a
+#   simulated plant, also once a condition holds, and the session repeats them bit for bit; a wrong one is refused with what there is.
+file=$APC_SOURCE_DIR/experiments/quadruple-tank.conf begin broken --no-ui
+speed step 20
+for broken in 'y1 bias size=0.5 duration=2' 'y1 noise size=0.2 at=6' 'y2 frozen at=8 duration=3' 'v2 rate size=0.05 when=y1 > 1' \
+  'v1 stiction size=0.5 jump=0.1 when=r1 >= 99' 'd3 disturbance size=1 at=10 duration=3' 'A1 drift size=-0.1 at=12 duration=5'; do
+  # shellcheck disable=SC2086
+  expect 0 'starts' fault start $broken
+done
+expect 0 'plant power: starts at the next tick' fault start plant power
+while read -r -u 3 broken wrong; do
+  # shellcheck disable=SC2086
+  expect 1 "$wrong" fault start ${broken//_/ }
+done 3<<'END'
+y7_bias_size=1 there is no measurement, output, disturbance or parameter "y7": did you mean y1
+y1_bisa y1 has no fault "bisa": there are stuck, drift, dropout, spike, bias, noise, frozen
+y1_bias a fault of kind "bias" needs size=NUMBER
+y1_bias_size=x expected size=NUMBER
+y1_bias_jump=1 a fault of kind "bias" has no jump
+y1_noise_size=-1 size=-1: must be 0 to
+v1_saturation_low=3_high=1 low=3: must be at most high=1
+v1_saturation_low=-30_high=1 low=-30: must be 0 to 10
+y1_stuck_when=y9_>_3 there is no signal "y9"
+y1_stuck_when=y1_!_3 expected SIGNAL < NUMBER
+y1_stuck_when=alarm_none there is no alarm "none"
+END
+speed step 5
+expect 0 '' fault stop plant power
+speed step 60
+expect 0 'v2 +rate +size=0.05 when=y1 > 1 +started' fault
+expect 0 'v1 +stiction +size=0.5 jump=0.1 when=r1 >= 99 +waits' fault
+expect 0 '' fault stop y1 noise
+speed step 20
+kill -INT $pid
+wait $pid || fail "the run ended with $?"
+again "$work/broken"
+[ "$(awk -F, '$2 == "sensor" && $3 == 2 && $1 >= 8 && $1 < 11' "$work/broken/samples.csv" | wc -l)" -lt 3 ] || fail "the time of y2 did not stand still"
+grep -q 'measurement 1 is Bad' "$work/broken/events.csv" || fail "nothing was without power"
+for kind in bias noise frozen rate disturbance drift; do
+  ! grep -q "[^a-z]$kind[^a-z]" "$work/broken/events.csv" || fail "an event tells operators of a fault"
+done
 
 # Once it has been killed, nothing shows it as one that lives: its time is not followed, and nothing is written for it.
 # killed X: one that ran at that speed, and was killed

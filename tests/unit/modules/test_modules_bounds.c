@@ -346,8 +346,11 @@ static void a_sensor_has_bounds(void **state)
     make_server("sensor 1: period");
     fault[1].kind = (enum apc_sensor_fault_kind)0;
     make_server(kinds);
-    fault[1].kind = (enum apc_sensor_fault_kind)(APC_FAULT_SPIKE + 1);
+    fault[1].kind = (enum apc_sensor_fault_kind)(APC_FAULT_FROZEN + 1);
     make_server(kinds);
+    fault[1].kind = APC_FAULT_NOISE;
+    fault[1].size = -1e-300;
+    make_server("noise of a fault");
     fault[1].kind = APC_FAULT_SPIKE;
     make_server(NULL);
     fault[0].kind = (enum apc_sensor_fault_kind)0; /* the second one being good helps nothing */

@@ -275,6 +275,35 @@ static void a_fault_without_duration_lasts(void **state)
     drop(&r);
 }
 
+/* Promise(experiment/noise-steps-faults) */
+static void a_sensor_is_off_or_noisy_or_its_time_stands_still(void **state)
+{
+    const struct apc_sensor_fault faults[] = {
+        {.kind = APC_FAULT_BIAS, .at = S, .duration = S, .size = 3.0},
+        {.kind = APC_FAULT_NOISE, .at = 3 * S, .duration = S, .size = 0.5},
+        {.kind = APC_FAULT_FROZEN, .at = 5 * S, .duration = S},
+    };
+    const struct apc_sensor sensor = {.noise = 1.0, .fault = faults, .n_faults = 3}, usual = {.noise = 1.0};
+    struct rig r = make("first-order", (struct apc_plantserver_options){.sensor = &sensor}),
+               same = make("first-order", (struct apc_plantserver_options){.sensor = &usual});
+    double squares = 0.0;
+    apc_ns before = 0;
+
+    (void)state;
+    for (int k = 0; k < 70; k++) {
+        tick(&r, k);
+        tick(&same, k);
+        const double off = r.y[0].value - same.y[0].value;
+        assert_near(k >= 30 && k < 40 ? 0.0 : off, k >= 10 && k < 20 ? 3.0 : 0.0, 1e-12);
+        squares += off * off * (k >= 30 && k < 40);
+        assert_int_equal(r.y[0].time, k >= 50 && k < 60 ? before : same.y[0].time);
+        before = r.y[0].time;
+    }
+    assert_true(squares > 0.5 && squares < 8.0); /* 10 draws of variance 0.25: 0.05 % beyond */
+    drop(&r);
+    drop(&same);
+}
+
 /* Every third tick from the first one on; the other sensor goes on as if it were alone. */
 /*
  * Promise(laws/measurement-period-own): A measurement with a period of its own comes as often, in virtual
@@ -378,6 +407,25 @@ static void an_actuator_that_is_stuck_or_slow_is_so_on_its_way_to_the_safe_value
         assert_near(told, 0.0, 0.0); /* what it is told is the safe value all the same */
         drop(&r);
     }
+}
+
+/* Promise(experiment/actuator-faults) */
+static void an_actuator_without_power_goes_to_its_safe_position(void **state)
+{
+    const double initial = 5.0;
+    const struct apc_actuator_fault fault = {.kind = APC_ACTUATOR_POWER, .at = S, .low = 2.0, .high = 2.0};
+    const struct apc_actuator actuator = {.fault = &fault, .n_faults = 1};
+    struct rig r =
+        make("first-order", (struct apc_plantserver_options){.actuator = &actuator, .initial = &initial});
+    double x = 0.0;
+
+    (void)state;
+    for (int k = 0; k <= 40; k++) {
+        const double u = stood(&r, k, &x);
+        if (k > 0)
+            assert_near(u, k <= 15 ? 5.0 : 2.0, 1e-4); /* in the 0.07 s before */
+    }
+    drop(&r);
 }
 
 /* ---- Disturbances -------------------------------------------------------------------------- */
@@ -549,7 +597,9 @@ int main(void)
         cmocka_unit_test(a_sensor_shows_whole_steps_only),
         cmocka_unit_test(faults_begin_and_end_when_they_should),
         cmocka_unit_test(an_actuator_that_is_stuck_or_slow_is_so_on_its_way_to_the_safe_value),
+        cmocka_unit_test(an_actuator_without_power_goes_to_its_safe_position),
         cmocka_unit_test(a_fault_without_duration_lasts),
+        cmocka_unit_test(a_sensor_is_off_or_noisy_or_its_time_stands_still),
         cmocka_unit_test(a_sensor_with_a_period_of_its_own_looks_as_often_and_its_value_stands_with_its_time),
         cmocka_unit_test(a_period_that_is_no_multiple_of_the_plants_is_kept_on_average),
         cmocka_unit_test(a_disturbance_changes_at_its_very_instant),

@@ -186,6 +186,7 @@ export interface Fault {
   number: number;
   signal: string;
   kind: string;
+  settings: string; // how somebody started it: size=2 when=y > 3
   state: "waits" | "timed" | "started" | "stopped";
   since: number | null; // the plant's time at which somebody started or stopped it
 }

@@ -45,7 +45,7 @@ function Faults(): JSX.Element | null {
           const start = one.state !== "started";
           return (
             <li key={one.number}>
-              {`${one.signal} ${one.kind}: `}
+              {`${one.signal} ${one.kind}${one.settings && ` ${one.settings}`}: `}
               {tr(`faults.${one.state}`, {at: one.since == null ? "" : stamp(one.since, 1)})}{" "}
               <button type="button" onClick={() => take(post("/api/faults", {fault: one.number, start}, 10))}>
                 {tr(start ? "faults.start" : "faults.stop", {fault: `${one.signal} ${one.kind}`})}
@@ -55,6 +55,15 @@ function Faults(): JSX.Element | null {
         })}
         {faults.length === 0 && <li>{tr("faults.none")}</li>}
       </ul>
+      <form
+        onSubmit={event => {
+          event.preventDefault();
+          take(post("/api/faults", {fault: new FormData(event.currentTarget).get("fault"), start: true}, 10));
+        }}
+      >
+        <input name="fault" aria-label={tr("faults.new")} placeholder="y bias size=2 when=u > 3" size={30} required />
+        <button type="submit">{tr("faults.begin")}</button>
+      </form>
       {trouble && <span class="complaint" role="alert">{trouble}</span>}
     </details>
   );

@@ -1,0 +1,179 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What an instructor breaks, as rows of a simulated plant's store say: each begins and ends at a tick of the plant. */
+#include "simulation_internal.h"
+
+#include <apcalarm.h>
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Since the plant's first tick. */
+static apc_ns fault_time(const struct simulation *s, apc_ns mono)
+{
+    const apc_ns t = mono - s->zero - s->e->plant.rhythm.phase;
+    return t > 0 ? t : 0;
+}
+
+static bool read_fault_numbers(struct simulation *s, const struct experiment_fault *fault,
+                               double number[FAULT_NUMBERS])
+{
+    struct apc_sample row[FAULT_NUMBERS];
+    for (int k = 0; k < FAULT_NUMBERS; k++)
+        row[k] = (struct apc_sample){.table = APC_TUNING, .id = fault->numbers + k};
+    simulation_stop_at_store(s, apc_store_read(s->store, row, FAULT_NUMBERS));
+    for (int k = 0; k < FAULT_NUMBERS; k++)
+        number[k] = row[k].seq > 0 ? row[k].value : 0;
+    return s->rc == 0;
+}
+
+/* ---- Later, or once something is true -------------------------------------------------------- */
+
+static bool is_met(struct simulation *s, const double number[FAULT_NUMBERS])
+{
+    struct apc_sample row = {.table = (enum apc_table)number[FAULT_IF_TABLE], .id = (int)number[FAULT_IF_ID]};
+    const double limit = number[FAULT_IF_LIMIT];
+    if (number[FAULT_IF] <= FAULT_IF_NONE)
+        return true;
+    simulation_stop_at_store(s, apc_store_read(s->store, &row, 1));
+    if (s->rc < 0 || row.seq == 0 || apc_status_severity(row.status) == APC_SEVERITY_BAD)
+        return false;
+    switch ((enum fault_if)number[FAULT_IF]) {
+    case FAULT_IF_BELOW:
+        return row.value < limit;
+    case FAULT_IF_NOT_ABOVE:
+        return row.value <= limit;
+    case FAULT_IF_ABOVE:
+        return row.value > limit;
+    case FAULT_IF_NOT_BELOW:
+        return row.value >= limit;
+    case FAULT_IF_ALARM: {
+        const enum apc_alarm_state state = (enum apc_alarm_state)row.value;
+        return apc_alarm_is_active(state) && !apc_alarm_is_masked(state);
+    }
+    case FAULT_IF_NONE:
+        break;
+    }
+    return false;
+}
+
+/* That it has begun is told to the instructor, and is nothing that people wrote. */
+static void begin_fault(struct simulation *s, size_t i, const struct experiment_fault *fault)
+{
+    const apc_ns now = apc_clock_mono(s->clock);
+    struct apc_sample row = {.table = APC_TUNING,
+                             .id = fault->numbers + FAULT_BEGAN,
+                             .value = apc_ns_to_s(now - s->zero),
+                             .seq = APC_SEQ_ANY,
+                             .time = apc_clock_utc(s->clock)};
+    s->fault[i].waits = false;
+    *fault->at = fault_time(s, now);
+    simulation_stop_at_store(s, apc_store_put(s->store, &row, 1));
+}
+
+static void on_faults_wait(void *ctx)
+{
+    struct simulation *s = ctx;
+    const apc_ns now = apc_clock_mono(s->clock);
+    double number[FAULT_NUMBERS];
+    s->faults_wait = false;
+    for (size_t i = 0; i < s->n_faults && s->rc == 0; i++) {
+        if (!s->fault[i].waits)
+            continue;
+        const struct experiment_fault fault = experiment_fault(s->e, i);
+        if (read_fault_numbers(s, &fault, number) && apc_ns_to_s(now - s->zero) >= number[FAULT_AT] &&
+            is_met(s, number))
+            begin_fault(s, i, &fault);
+        s->faults_wait |= s->fault[i].waits;
+    }
+    if (s->faults_wait && apc_virtual_at(s->executive, s->zero + simulation_next_tick(s, now - s->zero),
+                                         RANK_OPERATOR, on_faults_wait, s) < 0)
+        simulation_stop(s, APC_ENOMEM, "out of memory");
+}
+
+/* ---- Started and stopped -------------------------------------------------------------------- */
+
+static void take_numbers(struct simulation *s, size_t i, const struct experiment_fault *fault)
+{
+    double number[FAULT_NUMBERS];
+    if (!read_fault_numbers(s, fault, number))
+        return;
+    for (int k = FAULT_SIZE; k <= FAULT_HIGH; k++)
+        if (fault->takes & 1U << k)
+            *fault->number[k] = number[k];
+    (void)apc_ns_from_s(number[FAULT_DURATION], fault->duration);
+    if (number[FAULT_AT] > 0 || number[FAULT_IF] > 0) {
+        *fault->at = FAULT_NEVER;
+        s->fault[i].waits = true;
+    }
+}
+
+/* Begin and end are those of the plant's tick that is now. What was seen before is passed over. */
+static void see_fault(struct simulation *s, size_t i, const struct apc_sample *row)
+{
+    const struct experiment_fault fault = experiment_fault(s->e, i);
+    s->fault[i].seen = row->seq;
+    s->fault[i].waits = false;
+    *fault.at = row->value == 0 ? FAULT_NEVER : fault_time(s, apc_clock_mono(s->clock));
+    if (row->value != 0 && fault.numbers)
+        take_numbers(s, i, &fault);
+    s->breaks_plant |= fault.of == FAULT_OF_DISTURBANCE || fault.of == FAULT_OF_PARAMETER;
+}
+
+void simulation_see_faults(struct simulation *s)
+{
+    struct apc_sample *row = s->fault_row;
+    const bool waited = s->faults_wait;
+    bool wait = false;
+    simulation_stop_at_store(s, apc_store_read(s->store, row, s->n_faults));
+    for (size_t i = 0; i < s->n_faults && s->rc == 0; i++) {
+        if (row[i].seq != s->fault[i].seen)
+            see_fault(s, i, &row[i]);
+        wait |= s->fault[i].waits;
+    }
+    if (wait && !waited)
+        on_faults_wait(s);
+}
+
+/* ---- Of the plant itself -------------------------------------------------------------------- */
+
+/* What the experiment has a disturbance at, @t since the plant's first tick. */
+static double disturbance_at(const struct experiment *e, size_t k, apc_ns t)
+{
+    double value = e->plant.model->disturbance[k].initial;
+    for (size_t i = 0; i < e->plant.n_disturbances && e->plant.disturbance[i].at <= t; i++)
+        if (e->plant.disturbance[i].k == k)
+            value = e->plant.disturbance[i].value;
+    return value;
+}
+
+/* From this tick on. A parameter that the model does not take stays as it was. */
+void simulation_break_plant(struct simulation *s)
+{
+    const struct experiment *e = s->e;
+    const size_t nd = e->plant.model->nd, np = e->plant.model->np;
+    const apc_ns t = fault_time(s, s->plant_now.mono);
+    double *p = s->breaks_plant ? calloc(np + 1, sizeof *p) : NULL;
+    bool drifts = false;
+    if (!s->breaks_plant)
+        return;
+    struct experiment seeded = *e;
+    seeded.seed = s->seed;
+    if (!p || experiment_draw(&seeded, s->seed, p, &s->why) < 0) {
+        simulation_stop(s, APC_ENOMEM, "out of memory");
+        free(p);
+        return;
+    }
+    for (size_t i = 0; i < e->plant.n_faults; i++) {
+        const struct plant_fault *fault = &e->plant.fault[i];
+        const bool acts = t >= fault->at && (fault->duration == 0 || t - fault->at < fault->duration);
+        if (i < nd && (acts || s->plant_fault_acts[i]))
+            (void)apc_plant_disturb(s->plant, i, acts ? fault->size : disturbance_at(e, i, t));
+        if (i >= nd && acts)
+            p[i - nd] += fault->size * apc_ns_to_s(t - fault->at);
+        drifts |= i >= nd && (acts || s->plant_fault_acts[i]);
+        s->plant_fault_acts[i] = acts;
+    }
+    if (drifts)
+        (void)apc_plant_change(s->plant, p, NULL);
+    free(p);
+}
