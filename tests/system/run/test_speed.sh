@@ -413,9 +413,14 @@ expect 0 'v2 +rate +size=0.05 when=y1 > 1 +started' fault
 expect 0 'v1 +stiction +size=0.5 jump=0.1 when=r1 >= 99 +waits' fault
 expect 0 '' fault stop y1 noise
 speed step 20
-kill -INT $pid
+# Promise(run/fork): A second run goes on from a tick of a session that still runs; who does the same there has the same samples, bit for
+#   bit.
+until_true 20 made
+"$apc" run "$work/broken" --speed max --from 20 --no-ui --out "$work/fork" >"$work/fork.log" 2>&1 || fail "exit code $?"
+speed max
 wait $pid || fail "the run ended with $?"
 again "$work/broken"
+[ "$(digest "$work/fork/samples.csv")" = "$(digest "$work/broken/samples.csv")" ] || fail "the second run is another"
 [ "$(awk -F, '$2 == "sensor" && $3 == 2 && $1 >= 8 && $1 < 11' "$work/broken/samples.csv" | wc -l)" -lt 3 ] || fail "the time of y2 did not stand still"
 grep -q 'measurement 1 is Bad' "$work/broken/events.csv" || fail "nothing was without power"
 for kind in bias noise frozen rate disturbance drift; do
