@@ -125,12 +125,12 @@ static double solve_arx_output(struct arx *a, size_t i)
         target[row] = a->triangle.R[row * width + first_target(a) + i];
     apc_qr_extend(width, 0, n, a->Q, a->R, width);
     for (size_t c = 0; c < n; c++) {
-        b[c] = apc_matrix_dot(a->Q + c * width, target, width);
+        b[c] = apc_column_dot(a->Q + c * width, target, width);
         for (size_t row = 0; row < width; row++)
             target[row] -= b[c] * a->Q[c * width + row];
     }
     apc_qr_solve(n, a->R, width, b, a->theta + i * width);
-    return apc_matrix_dot(target, target, width);
+    return apc_column_dot(target, target, width);
 }
 
 /* ---- The model ------------------------------------------------------------------------------------ */
@@ -329,7 +329,7 @@ static void arx_error_covariance(const struct arx *a, double *covariance)
 
     for (size_t i = 0; i < ny; i++) {
         for (size_t o = 0; o < ny; o++)
-            covariance[i * ny + o] = apc_matrix_dot(a->left + i * width, a->left + o * width, width) / n;
+            covariance[i * ny + o] = apc_column_dot(a->left + i * width, a->left + o * width, width) / n;
     }
 }
 

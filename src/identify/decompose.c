@@ -22,26 +22,39 @@ static void scale_column(size_t n, double by, double *x)
         x[i] *= by;
 }
 
+double apc_column_dot(const double *a, const double *b, size_t n)
+{
+    double sum[8] = {0.0};
+    size_t i = 0;
+
+    for (; i + 8 <= n; i += 8)
+        for (size_t k = 0; k < 8; k++)
+            sum[k] += a[i + k] * b[i + k];
+    for (; i < n; i++)
+        sum[i % 8] += a[i] * b[i];
+    return ((sum[0] + sum[4]) + (sum[1] + sum[5])) + ((sum[2] + sum[6]) + (sum[3] + sum[7]));
+}
+
 /* Gram and Schmidt, modified, each column twice: then Q is orthonormal to rounding (Giraud, Langou and
  * Rozloznik, Computers & Mathematics with Applications 50, 2005). */
 void apc_qr_extend(size_t n, size_t from, size_t to, double *Q, double *R, size_t width)
 {
     for (size_t j = from; j < to; j++) {
         double *q = Q + j * n;
-        const double before = sqrt(apc_matrix_dot(q, q, n));
+        const double before = sqrt(apc_column_dot(q, q, n));
         double length;
 
         for (size_t i = 0; i < width; i++)
             R[i * width + j] = 0.0;
         for (int pass = 0; pass < 2; pass++) {
             for (size_t i = 0; i < j; i++) {
-                const double along = apc_matrix_dot(Q + i * n, q, n);
+                const double along = apc_column_dot(Q + i * n, q, n);
 
                 subtract(n, along, Q + i * n, q);
                 R[i * width + j] += along;
             }
         }
-        length = sqrt(apc_matrix_dot(q, q, n));
+        length = sqrt(apc_column_dot(q, q, n));
         if (length <= DEPENDENT * before)
             length = 0.0;
         R[j * width + j] = length;

@@ -6,6 +6,9 @@
 
 /* ---- decompose.c ---------------------------------------------------------------------------------- */
 
+/* Of two columns of a record, as apc_matrix_dot(), eight sums at a time: one sum alone waits for itself. */
+double apc_column_dot(const double *a, const double *b, size_t n);
+
 /*
  * Columns from to to-1 of Q [n rows, column after column] become orthonormal, to those before, which are, and
  * to each other; what they were is Q R, with R [width * width], row after row, of which these columns are

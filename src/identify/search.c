@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/matrix.h"
 #include "base/parts.h"
 
 #define ARM_UNKNOWNS 3     /* log tau, log tau, dead time */
@@ -218,7 +217,7 @@ void search_project(struct search *s, size_t from, size_t to)
     for (size_t i = from; i < to; i++) {
         const double *q = s->Q + i * s->n;
 
-        s->along[i] = apc_matrix_dot(q, s->e, s->n);
+        s->along[i] = apc_column_dot(q, s->e, s->n);
         for (size_t k = 0; k < s->n; k++)
             s->e[k] -= s->along[i] * q[k];
     }
@@ -227,7 +226,7 @@ void search_project(struct search *s, size_t from, size_t to)
 /* Schwarz' criterion, the autoregression among what is fitted; the less the better. */
 static double score_of_search(const struct search *s, double left, size_t parameters)
 {
-    const double least = WHITE * apc_matrix_dot(s->y, s->y, s->n), n = (double)s->n;
+    const double least = WHITE * apc_column_dot(s->y, s->y, s->n), n = (double)s->n;
 
     return n * apc_log(fmax(left, least) / (double)s->rows) + (double)(parameters + s->n_noise) * apc_log(n);
 }
@@ -248,7 +247,7 @@ int search_evaluate(struct search *s, struct shape *shape)
     memcpy(s->e, s->y, s->n * sizeof(*s->e));
     search_project(s, 0, at);
     apc_qr_solve(at, s->R, s->width, s->along, s->value);
-    shape->left = apc_matrix_dot(s->e, s->e, s->n);
+    shape->left = apc_column_dot(s->e, s->e, s->n);
     shape->score = score_of_search(s, shape->left, at + search_unknowns(s, shape));
     return 0;
 }
@@ -359,7 +358,7 @@ int search_look_ahead(struct search *s, struct shape *shape, double *score)
         rc = search_differentiate(s, shape);
     if (rc == 0) {
         search_project(s, first, first + m);
-        *score = score_of_search(s, apc_matrix_dot(s->e, s->e, s->n), first + m);
+        *score = score_of_search(s, apc_column_dot(s->e, s->e, s->n), first + m);
     }
     return rc;
 }

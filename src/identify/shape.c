@@ -6,8 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/matrix.h"
-
 #define DECISIVE 10.0 /* a difference of scores that leaves no doubt */
 #define LAGS     24   /* that are tried */
 
@@ -33,10 +31,10 @@ static bool look_along(struct search *s, const double *w, size_t width, double *
             memset(column + begin, 0, (d < end - begin ? d : end - begin) * sizeof(*column));
         }
         search_finish(s, column);
-        along = apc_matrix_dot(column, s->e, s->n);
-        left = length = apc_matrix_dot(column, column, s->n);
+        along = apc_column_dot(column, s->e, s->n);
+        left = length = apc_column_dot(column, column, s->n);
         for (size_t i = 0; i < width; i++) {
-            const double a = apc_matrix_dot(s->Q + i * s->n, column, s->n);
+            const double a = apc_column_dot(s->Q + i * s->n, column, s->n);
 
             left -= a * a;
         }

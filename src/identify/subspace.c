@@ -175,7 +175,7 @@ static int find_errors(struct subspace *p)
     apc_qr_extend(width, 0, n, Q, R, width);
     for (size_t i = 0; i < l; i++) {
         for (size_t c = 0; c < n; c++)
-            b[c] = apc_matrix_dot(Q + c * width, Q + (n + i) * width, width);
+            b[c] = apc_column_dot(Q + c * width, Q + (n + i) * width, width);
         apc_qr_solve(n, R, width, b, theta + i * n);
     }
     memset(p->e, 0, p->r.n * l * sizeof(*p->e));
@@ -221,7 +221,7 @@ static int find_dynamics(const struct subspace *p, size_t n, double *A, double *
     apc_qr_extend(rows, 0, n, Q, R, n);
     for (size_t j = 0; j < n; j++) {
         for (size_t i = 0; i < n; i++)
-            b[i] = apc_matrix_dot(Q + i * rows, next + j * rows, rows);
+            b[i] = apc_column_dot(Q + i * rows, next + j * rows, rows);
         apc_qr_solve(n, R, n, b, x);
         for (size_t i = 0; i < n; i++)
             A[i * n + j] = x[i];

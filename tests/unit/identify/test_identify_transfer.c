@@ -92,9 +92,7 @@ static void each_pair_is_found(void **state)
         {.gain = 2.0, .tau = {0.6}},
         {.gain = 3.0, .tau = {1.2}, .dead_time = 0.15},
     };
-    const bool sanitized = getenv("APC_SANITIZE"); /* less noise, so a quarter of the record tells as much */
-    struct record_test *t = record_simulate(g, 2, 2, sanitized ? 800 : 3000, 0.1, (const size_t[]){11, 17},
-                                            sanitized ? 0.005 : 0.02, 0.0, 1);
+    struct record_test *t = record_simulate(g, 2, 2, 800, 0.1, (const size_t[]){11, 17}, 0.005, 0.0, 1);
     struct apc_transfer found[4], error[4];
     (void)state;
 
