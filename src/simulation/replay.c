@@ -384,6 +384,15 @@ static void compare_outputs(struct replay *r, const struct replay_controller *rc
 
 /* ---- The ticks ------------------------------------------------------------------------------ */
 
+/* Instead of that on record. */
+static void put_own_tuning(const struct apc_controller *c, double *tuning)
+{
+    if (c->law.size.tuning > 0)
+        memcpy(tuning, c->law.tuning, c->law.size.tuning * sizeof *tuning);
+    if (c->backup.size.tuning > 0)
+        memcpy(tuning + c->backup.first, c->backup.tuning, c->backup.size.tuning * sizeof *tuning);
+}
+
 int replay_start_controller(struct replay *r, struct replay_controller *rc, const struct tick_row *former,
                             apc_ns time)
 {
@@ -401,6 +410,8 @@ int replay_start_controller(struct replay *r, struct replay_controller *rc, cons
         rows->vector->status = APC_GOOD;
         rows->vector->n = (uint32_t)former->n;
         memcpy(rows->vector->value, rc->ticks.value + former->first, former->n * sizeof(double));
+        if (r->other_law && former->n == rc->core->out_row->n)
+            put_own_tuning(rc->core, rows->vector->value + rc->core->offset[APC_TICK_TUNING]);
     }
     apc_controller_resume(rc->core, r->start);
     return 0;

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Simulated beside recorded: $wasN, $setN, $elseN and $isN: time, value.
-eval page(78 + 92 * panels)
+eval page(98 + 92 * panels)
 do for [i = 1:panels] {
-  y = 92 * i - 48
+  y = 92 * i - 28
   eval panel(0.09, 0.97, y, y + 76)
-  set xrange [0:end]
+  set xrange [begin:end]
   set offsets graph 0, 0, 0.06, 0.06
-  set ytics autofreq
+  if (span[i] > 0) { set ytics round_up(span[i] / 3) } else { set ytics autofreq }
   set ylabel name[i] noenhanced
   if (i == 1) {
-    set key at graph 1, screen down(8) right top horizontal samplen 2
-    set label 1 title at graph 0, screen down(18) noenhanced
+    set key at graph 0, screen down(27) left top Left reverse horizontal samplen 2
+    set label 1 title at graph 0, screen down(15) noenhanced
   } else {
     unset key
   }
@@ -23,5 +23,5 @@ do for [i = 1:panels] {
   p = sprintf("plot $was%d with %s lw 2.6 lc rgb 0xB8BEC4 title 'as recorded'", i, how[i])
   if (setpoint[i]) { p = p.sprintf(", $set%d with steps dt 2 lw 1 lc rgb 0x222222 title 'setpoint'", i) }
   if (unchanged[i]) { p = p.sprintf(", $else%d with %s lw 1.3 lc rgb 0xD55E00 title 'simulated, unchanged'", i, how[i]) }
-  eval p.sprintf(", $is%d with %s lw 1.3 lc rgb 0x0072B2 title '%s'", i, how[i], from > 0 ? 'otherwise' : 'simulated')
+  eval p.sprintf(", $is%d with %s lw 1.3 lc rgb 0x0072B2 title label", i, how[i])
 }

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "apc/common/print.h"
+#include "compare.h"
 #include "figures/figures.h"
 #include "statistic.h"
 
@@ -182,6 +183,57 @@ static void put_closed_json(const struct closed_answer *a, const char *name, str
     json_add(t, "]}");
 }
 
+/* ---- Its figure ----------------------------------------------------------------------------- */
+
+/* Times of a run are since its start, of a store since the part begins. */
+static int take_closed_variable(struct compare_variable *v, const struct samples *was,
+                                const struct samples *is, const struct closed *c, const struct apc_tag *tag,
+                                const struct apc_tag *setpoint)
+{
+    const apc_ns start = c->of.dir ? 0 : c->since;
+    v->tag = tag;
+    int rc = trace_take(&v->recorded, was, start, tag);
+    if (rc == 0)
+        rc = trace_take(&v->simulated, is, start, tag);
+    return rc == 0 && setpoint ? trace_take(&v->setpoint, is, start, setpoint) : rc;
+}
+
+static int draw_closed(const struct closed_answer *a, const char *name, FILE *out, struct apc_error *why)
+{
+    const struct closed *c = &a->closed;
+    const struct experiment *e = &c->was;
+    struct compare_variable *v = calloc(e->dim.ny + e->dim.nu, sizeof *v);
+    struct samples was = {0}, is = {0};
+    char time[APC_TIME_LEN], title[200];
+    size_t n = 0;
+    int rc = v ? cut_closed_window(&was, &c->all, c->since, c->end) : APC_ENOMEM;
+    if (rc == 0)
+        rc = cut_closed_window(&is, &a->otherwise, c->since, c->end);
+    for (size_t i = 0; i < e->dim.ny && rc == 0; i++)
+        rc = take_closed_variable(&v[n++], &was, &is, c, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
+    for (size_t i = 0; i < e->dim.nu && rc == 0; i++)
+        rc = take_closed_variable(&v[n++], &was, &is, c, &e->u[i].tag, NULL);
+    const apc_ns start = c->of.dir ? 0 : c->since;
+    snprintf(title, sizeof title, "%.120s%s%s", e->title, c->of.dir ? "" : ", from ",
+             c->of.dir ? "" : apc_time_format(c->start + c->since, time));
+    const struct compare_figure figure = {.title = title,
+                                          .label = "otherwise",
+                                          .of = v,
+                                          .n = n,
+                                          .begin = apc_ns_to_s(c->since - start),
+                                          .end = apc_ns_to_s(c->end - start)};
+    rc = rc < 0 ? apc_fail(why, rc, "out of memory") : compare_draw(&figure, name, out, why);
+    for (size_t i = 0; i < n; i++) {
+        trace_free(&v[i].recorded);
+        trace_free(&v[i].simulated);
+        trace_free(&v[i].setpoint);
+    }
+    free(v);
+    samples_free(&was);
+    samples_free(&is);
+    return rc;
+}
+
 /* ---- All of it ------------------------------------------------------------------------------ */
 
 static double range_of(const struct experiment *e, const struct apc_sample *row)
@@ -265,13 +317,13 @@ static int answer_closed(struct closed_answer *a, const struct replay_range *of,
         apc_fail(why, rc, "out of memory");
     if (rc < 0)
         return rc;
-    cut_closed(&a->closed.all, &a->closed);
     cut_closed(&a->unchanged, &a->closed);
     a->apart = widest_apart(e, &a->unchanged, &a->closed.all);
     return 0;
 }
 
-int closed_replay(const char *name, const struct replay_range *of, struct text *json, struct apc_error *why)
+int closed_replay(const char *name, const struct replay_range *of, const char *figure, struct text *json,
+                  struct apc_error *why)
 {
     struct closed_answer a = {.apart = 0};
     int rc = answer_closed(&a, of, why);
@@ -279,6 +331,8 @@ int closed_replay(const char *name, const struct replay_range *of, struct text *
         put_closed_json(&a, name, json);
     else if (rc == 0 && print_closed(&a) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc == 0 && figure)
+        rc = draw_closed(&a, figure, json ? stderr : stdout, why);
     free_closed_figures(&a.was);
     free_closed_figures(&a.is);
     samples_free(&a.unchanged);

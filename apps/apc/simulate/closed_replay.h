@@ -6,8 +6,9 @@
 #include "files/files.h"
 #include "simulation/simulation.h"
 
-/* Of the record @of of @name, with what its overrides say: for people or, where that is not NULL, into @json. Returns
- * 0 or a negative error. */
-int closed_replay(const char *name, const struct replay_range *of, struct text *json, struct apc_error *why);
+/* Of the record @of of @name, with what its overrides say: for people or, where that is not NULL, into @json. Where @figure
+ * is not NULL, recorded and otherwise as FIGURE.svg and FIGURE.png. Returns 0 or a negative error. */
+int closed_replay(const char *name, const struct replay_range *of, const char *figure, struct text *json,
+                  struct apc_error *why);
 
 #endif

@@ -12,13 +12,7 @@
 
 static const double none = (double)NAN;
 
-/* The samples of one variable. */
-struct trace {
-    double *t, *value;
-    size_t n;
-};
-
-static int extract(const struct samples *s, apc_ns start, const struct apc_tag *tag, struct trace *trace)
+int trace_take(struct trace *trace, const struct samples *s, apc_ns start, const struct apc_tag *tag)
 {
     *trace = (struct trace){.t = calloc(s->n + 1, sizeof(double)), .value = calloc(s->n + 1, sizeof(double))};
     if (!trace->t || !trace->value)
@@ -31,7 +25,7 @@ static int extract(const struct samples *s, apc_ns start, const struct apc_tag *
     return 0;
 }
 
-static void release(struct trace *trace)
+void trace_free(struct trace *trace)
 {
     free(trace->t);
     free(trace->value);
@@ -106,16 +100,10 @@ static void print_variable(const struct compare *c, const struct trace *sim, con
     print_cell(table, PRINT_PLAIN, "%.3f", at);
 }
 
-struct variable {
-    const struct apc_tag *tag;
-    struct trace simulated, recorded, unchanged;
-    struct trace setpoint; /* simulated, of a measurement that has one */
-};
-
 struct comparison {
     const struct compare *c;
     const struct experiment *e;
-    struct variable *of; /* [n] */
+    struct compare_variable *of; /* [n] */
     size_t n;
     double end; /* s */
 };
@@ -124,19 +112,19 @@ static int take_compared_variable(struct comparison *z, const struct samples *re
                                   const struct apc_tag *tag, const struct apc_tag *setpoint)
 {
     const struct samples *simulated = z->c->simulated, *unchanged = z->c->unchanged;
-    struct variable *v = &z->of[z->n++];
+    struct compare_variable *v = &z->of[z->n++];
     v->tag = tag;
-    int rc = extract(simulated, SIMULATION_BEGIN, tag, &v->simulated);
+    int rc = trace_take(&v->simulated, simulated, SIMULATION_BEGIN, tag);
     if (rc == 0)
-        rc = extract(recorded, 0, tag, &v->recorded);
+        rc = trace_take(&v->recorded, recorded, 0, tag);
     if (rc == 0 && unchanged)
-        rc = extract(unchanged, SIMULATION_BEGIN, tag, &v->unchanged);
+        rc = trace_take(&v->unchanged, unchanged, SIMULATION_BEGIN, tag);
     if (rc == 0 && setpoint)
-        rc = extract(simulated, SIMULATION_BEGIN, setpoint, &v->setpoint);
+        rc = trace_take(&v->setpoint, simulated, SIMULATION_BEGIN, setpoint);
     return rc;
 }
 
-static bool is_difference_shown(const struct variable *v)
+static bool is_difference_shown(const struct compare_variable *v)
 {
     return v->simulated.n > 0 && v->recorded.n > 0;
 }
@@ -144,21 +132,44 @@ static bool is_difference_shown(const struct variable *v)
 /* ---- The figure ----------------------------------------------------------------------------- */
 
 #define PANELS 12
+#define POINTS 4000 /* of a curve; more are no longer told apart */
 
-static size_t panels_of(const struct comparison *z)
+static size_t panels_of(const struct compare_figure *f)
 {
     size_t n = 0;
-    for (size_t i = 0; i < z->n && n < PANELS; i++)
-        n += is_difference_shown(&z->of[i]);
+    for (size_t i = 0; i < f->n && n < PANELS; i++)
+        n += is_difference_shown(&f->of[i]);
     return n;
+}
+
+/* 0: it is flat. */
+static double panel_span(const struct compare_variable *v)
+{
+    const double span = fmax(trace_span(&v->recorded), trace_span(&v->simulated)); /* the other one of NAN */
+    return span > 0 ? span : 0;
+}
+
+/* Of these rows the least and the greatest, as they come. */
+static void put_extremes(FILE *script, const struct trace *trace, size_t from, size_t until)
+{
+    size_t low = from, high = from;
+    for (size_t k = from; k < until; k++) {
+        low = trace->value[k] < trace->value[low] ? k : low;
+        high = trace->value[k] > trace->value[high] ? k : high;
+    }
+    const size_t first = low < high ? low : high, last = low < high ? high : low;
+    fprintf(script, "%.9g %.9g\n", trace->t[first], trace->value[first]);
+    if (last > first)
+        fprintf(script, "%.9g %.9g\n", trace->t[last], trace->value[last]);
 }
 
 /* A value holds until the next one, the last one to the end. */
 static void put_trace(FILE *script, const char *name, size_t i, const struct trace *trace, double end)
 {
+    const size_t step = trace->n / POINTS + 1;
     fprintf(script, "$%s%zu << END\n", name, i);
-    for (size_t k = 0; k < trace->n; k++)
-        fprintf(script, "%.9g %.9g\n", trace->t[k], trace->value[k]);
+    for (size_t k = 0; k < trace->n; k += step)
+        put_extremes(script, trace, k, k + step < trace->n ? k + step : trace->n);
     if (trace->n > 0)
         fprintf(script, "%.9g %.9g\n", fmax(end, trace->t[trace->n - 1]), trace->value[trace->n - 1]);
     fputs("END\n", script);
@@ -166,26 +177,37 @@ static void put_trace(FILE *script, const char *name, size_t i, const struct tra
 
 static void put_comparison(FILE *script, void *ctx)
 {
-    static const char *const arrays[] = {"name", "how", "setpoint", "unchanged"};
-    const struct comparison *z = ctx;
+    static const char *const arrays[] = {"name", "how", "setpoint", "unchanged", "span"};
+    const struct compare_figure *f = ctx;
     size_t row = 0;
-    fprintf(script, "panels = %zu\nfrom = %.9g\nend = %.9g\n", panels_of(z), z->c->from, z->end);
-    gnuplot_string(script, "title", z->e->title);
+    fprintf(script, "panels = %zu\nbegin = %.9g\nfrom = %.9g\nend = %.9g\n", panels_of(f), f->begin, f->from,
+            f->end);
+    gnuplot_string(script, "title", f->title);
+    gnuplot_string(script, "label", f->label);
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         fprintf(script, "array %s[panels]\n", arrays[i]);
-    for (size_t i = 0; i < z->n && row < PANELS; i++) {
-        const struct variable *v = &z->of[i];
+    for (size_t i = 0; i < f->n && row < PANELS; i++) {
+        const struct compare_variable *v = &f->of[i];
         if (!is_difference_shown(v))
             continue;
         gnuplot_text(script, "name", row, v->tag->name);
         gnuplot_text(script, "how", row++, v->tag->table == APC_SENSOR ? "lines" : "steps");
-        fprintf(script, "setpoint[%zu] = %d\nunchanged[%zu] = %d\n", row, v->setpoint.n > 0, row,
-                v->unchanged.n > 0);
-        put_trace(script, "was", row, &v->recorded, z->end);
-        put_trace(script, "set", row, &v->setpoint, z->end);
-        put_trace(script, "else", row, &v->unchanged, z->end);
-        put_trace(script, "is", row, &v->simulated, z->end);
+        fprintf(script, "setpoint[%zu] = %d\nunchanged[%zu] = %d\nspan[%zu] = %.9g\n", row, v->setpoint.n > 0,
+                row, v->unchanged.n > 0, row, panel_span(v));
+        put_trace(script, "was", row, &v->recorded, f->end);
+        put_trace(script, "set", row, &v->setpoint, f->end);
+        put_trace(script, "else", row, &v->unchanged, f->end);
+        put_trace(script, "is", row, &v->simulated, f->end);
     }
+}
+
+int compare_draw(const struct compare_figure *f, const char *name, FILE *out, struct apc_error *why)
+{
+    struct compare_figure figure = *f;
+    const int rc = panels_of(f) > 0 ? gnuplot_figure(name, figure_compare, put_comparison, &figure, why) : 0;
+    if (rc == 0 && panels_of(f) > 0)
+        fprintf(out, "figure:  %s.svg, %s.png\n", name, name);
+    return rc;
 }
 
 /* ---- All of it ------------------------------------------------------------------------------ */
@@ -259,14 +281,19 @@ int compare_run(const struct compare *c, const struct experiment *e, FILE *out, 
         rc = print_all(&z, out);
     if (rc == APC_ENOMEM)
         apc_fail(why, rc, "out of memory");
-    if (rc == 0 && c->figure && panels_of(&z) > 0 &&
-        (rc = gnuplot_figure(c->figure, figure_compare, put_comparison, &z, why)) == 0)
-        fprintf(out, "figure:  %s.svg, %s.png\n", c->figure, c->figure);
+    if (rc == 0 && c->figure)
+        rc = compare_draw(&(struct compare_figure){.title = e->title,
+                                                   .label = c->from > 0 ? "otherwise" : "simulated",
+                                                   .of = z.of,
+                                                   .n = z.n,
+                                                   .from = c->from,
+                                                   .end = z.end},
+                          c->figure, out, why);
     for (size_t i = 0; i < z.n; i++) {
-        release(&z.of[i].simulated);
-        release(&z.of[i].recorded);
-        release(&z.of[i].unchanged);
-        release(&z.of[i].setpoint);
+        trace_free(&z.of[i].simulated);
+        trace_free(&z.of[i].recorded);
+        trace_free(&z.of[i].unchanged);
+        trace_free(&z.of[i].setpoint);
     }
     free(z.of);
     samples_free(&recorded);

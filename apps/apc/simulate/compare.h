@@ -24,4 +24,31 @@ struct compare {
  */
 int compare_run(const struct compare *c, const struct experiment *e, FILE *out, struct apc_error *why);
 
+/* ---- Its figure ----------------------------------------------------------------------------- */
+
+/* The samples of one variable: by time, in s. */
+struct trace {
+    double *t, *value;
+    size_t n;
+};
+
+struct compare_variable {
+    const struct apc_tag *tag;
+    struct trace simulated, recorded, unchanged;
+    struct trace setpoint; /* simulated, of a measurement that has one */
+};
+
+struct compare_figure {
+    const char *title, *label;         /* label: of what is simulated */
+    const struct compare_variable *of; /* [n] a panel each, of those with both */
+    size_t n;
+    double begin, from, end; /* s; from: a line is there; 0: none is */
+};
+
+/* Those of @tag, by time since @start. Returns 0 or APC_ENOMEM; trace_free() in either case. */
+int trace_take(struct trace *trace, const struct samples *s, apc_ns start, const struct apc_tag *tag);
+void trace_free(struct trace *trace);
+/* As NAME.svg and NAME.png, which is said. Returns 0 or a negative error. */
+int compare_draw(const struct compare_figure *f, const char *name, FILE *out, struct apc_error *why);
+
 #endif

@@ -15,10 +15,11 @@
 #include "common/storeuri.h"
 #include "files/files.h"
 #include "print_differs.h"
+#include "replay_curves.h"
 #include "worker_pool.h"
 
 struct replay_options {
-    const char *csv;
+    const char *csv, *figure;
     bool force, json;
     unsigned jobs;    /* 0: one a CPU */
     double tolerance; /* < 0: none */
@@ -38,6 +39,8 @@ static void check_replay_options(void *input, const struct argp_state *state)
                       (!o->overrides.law && o->set.n == 0)))
         argp_error(state, "--closed: goes with --law and --set, which say what is to be another, --since, "
                           "--until and --json");
+    if (o->figure && (o->virtually || o->jobs))
+        argp_error(state, "--figure: goes without --virtual and --jobs");
     if (o->csv && (o->jobs || o->json))
         argp_error(state, "--csv: goes without --jobs and --json");
 }
@@ -70,6 +73,10 @@ static const struct option_spec own_options[] = {
      "In closed loop with the model of the plant: what would have been with --law and --set, beside the "
      "record",
      OPTION_FLAG, AT(closed)},
+    {"figure", 0, "NAME",
+     "Of one run or store: draw NAME.svg and NAME.png: recorded and replayed outputs around the first that "
+     "differs; of --closed all signals",
+     OPTION_TEXT, AT(figure)},
     {"force", 0, NULL, "Write over what is in that file", OPTION_FLAG, AT(force)},
     {0},
 };
@@ -106,7 +113,8 @@ struct replay_command {
     struct replay_options options;
     struct replay replay; /* of one run folder, whole */
     FILE *csv, *talk;
-    struct source *source; /* [n] of a season */
+    struct replay_curves curves; /* for --figure */
+    struct source *source;       /* [n] of a season */
     size_t n;
 };
 
@@ -118,8 +126,10 @@ static int fail_replay(const struct replay_command *c, int err, const struct apc
 
 static void put_replayed_output(void *ctx, double t, const char *loop, double recorded, double replayed)
 {
-    const struct replay_command *c = ctx;
+    struct replay_command *c = ctx;
     char a[40], b[40];
+    if (c->options.figure)
+        replay_curves_keep(&c->curves, t, loop, recorded, replayed);
     if (!c->csv)
         return;
     apc_number_format(recorded, a, sizeof a);
@@ -503,7 +513,7 @@ static int do_season(struct season_work *w, struct apc_error *why)
     w->results = results;
     w->pool->jobs = w->pool->all = (unsigned)w->n;
     w->pool->what = "parts";
-    if (w->c->csv)
+    if (w->c->csv || w->c->options.figure)
         for (unsigned i = 0; i < w->n; i++)
             work_on_windows(w, i);
     else if (worker_pool_run(w->pool, w->c->options.jobs, work_on_windows, w, why) < 0)
@@ -699,7 +709,7 @@ static int replay_closed_source(struct replay_command *c, struct source *s, stru
     range.dir = s->folder ? s->name : NULL;
     if (rc == 0 && c->n > 1 && !json)
         printf("%s%s\n", s == c->source ? "" : "\n", s->name);
-    return rc < 0 ? rc : closed_replay(s->name, &range, json, why);
+    return rc < 0 ? rc : closed_replay(s->name, &range, c->options.figure, json, why);
 }
 
 static int replay_closed(struct replay_command *c)
@@ -747,11 +757,20 @@ int command_replay(int argc, char **argv)
         return cli_usage(&c.cli, "runs and stores, %s, or --store: one of them", c.cli.args[0]);
     if (is_season(&c) && c.options.virtually)
         return cli_usage(&c.cli, "--virtual: of a run folder");
+    if (c.options.figure && c.cli.n_args > 1)
+        return cli_usage(&c.cli, "--figure: of one run or store");
     int rc = make_sources(&c);
     if (rc == 0)
         rc = c.options.closed ? replay_closed(&c)
              : is_season(&c)  ? replay_of_season(&c, &outputs)
                               : replay_folder(&c, &watch);
+    if (c.options.figure && c.curves.n > 0 && (rc == 0 || rc == APC_ESTATE)) {
+        struct apc_error why;
+        const int drawn = replay_curves_draw(&c.curves, c.source->name, c.options.figure,
+                                             c.options.json ? stderr : c.talk, &why);
+        rc = drawn < 0 ? fail_replay(&c, drawn, &why) : rc;
+    }
+    replay_curves_free(&c.curves);
     replay_free(&c.replay);
     for (size_t i = 0; i < c.n; i++) {
         close_source(&c.source[i]);

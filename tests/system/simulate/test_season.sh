@@ -101,6 +101,16 @@ expect 3 'none.db cannot be opened' "$apc" replay people "sqlite:$work/none.db" 
 expect 2 'plant.parameters.K: only settings of controllers' "$apc" replay half --closed --set plant.parameters.K=2
 expect 2 'goes with --law and --set' "$apc" replay half --closed
 expect 2 'goes with --law and --set' "$apc" replay half --closed --law pid --tolerance 1
+# Promise(simulation/replay-candidate)
+"$apc" replay people --set controller.Kp=0.5 --since 2000-01-01T00:02:00Z --figure later --json >later.json 2>figure.log && python3 -c 'import json
+output = json.load(open("later.json"))["sources"][0]["outputs"][0]
+assert output["ticks"] > 200 and output["same"] == 0, output' || fail "another tuning does not hold from a time of the run on: $(cat later.json)"
+# Promise(simulation/replay-figure): --figure draws outputs on record and replayed around the first that differs, of --closed
+#   measurements too.
+grep -q '^figure:  later.svg, later.png$' figure.log && grep -q replayed later.svg && [ -s later.png ] || fail "no figure of a replay: $(cat figure.log)"
+expect 0 '^figure:  closed.svg, closed.png' "$apc" replay people --closed --set controller.Kp=0.1 --since 2000-01-01T00:00:40Z --figure closed
+[ -s closed.png ] && grep -q 'as recorded' closed.svg && grep -q otherwise closed.svg && grep -q setpoint closed.svg || fail "no figure of a closed loop"
+expect 2 'figure: of one run or store' "$apc" replay people half --set controller.Kp=0.1 --figure two
 # A part of it goes on from what was in force then.
 for part in "--since 2000-01-01T00:00:40Z" "--since 2000-01-01T00:01:00Z --until 2000-01-01T00:03:20Z"; do
   # shellcheck disable=SC2086
