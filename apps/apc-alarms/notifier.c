@@ -341,6 +341,17 @@ void notifier_tell(struct notifier *n, const struct apc_sample *row, bool again)
     (void)!write(n->wake, &one, sizeof one);
 }
 
+/* Under mutex. An earlier alarm's command still runs; take_raised() leaves out what is not to be told then. */
+static bool waits_untold(const struct notifier *n, const struct apc_sample *row)
+{
+    for (size_t i = 0; i < n->count; i++) {
+        const struct raised *waits = &n->waiting[(n->first + i) % WAITING];
+        if (waits->late && !waits->again && waits->row.id == row->id && waits->row.seq == row->seq)
+            return true;
+    }
+    return false;
+}
+
 void notifier_follow(struct notifier *n, const struct apc_sample *row)
 {
     struct raised *later = &n->later[row->id - 1];
@@ -350,7 +361,7 @@ void notifier_follow(struct notifier *n, const struct apc_sample *row)
         later->row.value = row->value;
     else
         *later = (struct raised){.due = 0};
-    const bool spared = was.due > 0 && !was.again && later->due == 0;
+    const bool spared = later->row.seq == 0 && (was.again ? waits_untold(n, &was.row) : was.due > 0);
     pthread_mutex_unlock(&n->mutex);
     if (spared)
         record_telling(n, &was, "was not told: it was acknowledged or masked before");

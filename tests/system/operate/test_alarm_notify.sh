@@ -6,25 +6,26 @@ fast_experiment
 
 now=$(date +%s)
 quiet=$(date -d "@$((now - 7200))" +%H:%M)-$(date -d "@$((now + 7200))" +%H:%M)
-sed -i 's/^alarms *=.*//; /name = "r";/s/name = "r";/& alarms = ( { kind = "high"; limit = 12.0; priority = 1; }, { kind = "low"; limit = 8.0; priority = 2; } );/' \
+sed -i 's/^alarms *=.*//; /name = "r";/s/name = "r";/& alarms = ( { kind = "high"; limit = 12.0; priority = 1; }, { kind = "high-high"; limit = 13.0; priority = 1; }, { kind = "low"; limit = 8.0; priority = 2; } );/' \
   "$work/fast.conf"
 cat >>"$work/fast.conf" <<END
 alarms = { period = 0.2; notify = (
   { command = "{ printf '%s ' \$(date +%s.%N); cat; } >>$work/late"; after = 2.0; repeat = 1.0; details = false; },
   { command = "cat >>$work/quiet"; quiet = "$quiet"; },
   { command = "cat >>$work/day"; after = 86400.0; },
-  { command = "cat >>$work/first; exit 7"; priority = 1; } ); };
+  { command = "touch $work/begun; until [ -e $work/go ]; do sleep 0.1; done; cat >>$work/first; exit 7"; priority = 1; after = 0.5; timeout = 600.0; } ); };
 END
 
 # ---- Tried before there is an alarm
 
 expect 0 '' "$apc" init "$work/fast.conf"
+touch "$work/go"
 expect 1 'exit 7" was not told: it ended with code 7' "$APC_BIN/apc-alarms" --config "$work/fast.conf" --test-notify
 for who in late quiet day; do
   grep -q 'nothing happened","test":true}$' "$work/$who" || fail "$who was not tried"
 done
 ! grep '"experiment"' "$work/late" || fail "the message says whose it is"
-rm "$work/late" "$work/quiet" "$work/day" "$work/first"
+rm "$work/late" "$work/quiet" "$work/day" "$work/first" "$work/begun" "$work/go"
 
 # ---- Not acknowledged: told later, again and again, until it is
 
@@ -48,19 +49,25 @@ for line in open(sys.argv[1]):
         sys.exit("told %g s after it was raised: %s" % (float(at) - raised, line))
 END
 
-expect 0 'acknowledged' "$apc" alarm ack r.high
+# The command of step 4 still runs for r.high, and r.high-high waits for it.
+until_true 60 test -e "$work/begun"
+expect 0 'acknowledged' "$apc" alarm ack r.high r.high-high
 until_true 60 listed '^r\.high +1 +Acknowledged'
+until_true 60 listed '^r\.high-high +1 +Acknowledged'
+touch "$work/go"
 expect 0 'applied' "$apc" set r 5
 until_true 60 told '"priority":2,' 1
 n=$(grep -c '"priority":1,' "$work/late")
 until_true 60 told '"priority":2,.*"again":true}$' 3
 # Promise(alarms/nobody-acknowledges-told)
 [ "$(grep -c '"priority":1,' "$work/late")" = "$n" ] || fail "it was acknowledged, and told again: $(cat "$work/late")"
-[ "$(grep -c '"alarm":"r.high"' "$work/first")" = 1 ] || fail "not told once, at once: $(cat "$work/first")"
+[ "$(grep -c '"alarm":"r.high"' "$work/first")" = 1 ] || fail "not told once: $(cat "$work/first")"
+[ "$(wc -l <"$work/first")" = 1 ] || fail "told of an alarm that was acknowledged while it waited: $(cat "$work/first")"
 # Promise(alarms): Which step was told of an alarm, told again, failed, or was spared since somebody acknowledged it, is on record.
 on_record() { sql "SELECT text FROM apc.event WHERE kind = 'notify'" >"$work/record" && grep -qE "$1" "$work/record"; }
 for event in '^r\.high: step 1 of 4, ".*", was told$' '^r\.high: step 1 of 4, ".*", was told again$' '^r\.high: step 4 of 4, ".*", failed$' \
-  '^r\.high: step 3 of 4, ".*", was not told: it was acknowledged or masked before$'; do
+  '^r\.high: step 3 of 4, ".*", was not told: it was acknowledged or masked before$' \
+  '^r\.high-high: step 4 of 4, ".*", was not told: it was acknowledged or masked before$'; do
   until_true 60 on_record "$event"
 done
 ! grep -q '^r\.low: step 4' "$work/record" || fail "a step is on record that is not for it: $(cat "$work/record")"
