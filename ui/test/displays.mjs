@@ -68,6 +68,9 @@ test("two people draw displays", {timeout: 900000}, async () => {
   await button(anna, "Value").click();
   for (let i = 0; i < 12; i++) await anna.keyboard.press("ArrowRight");
   await anna.locator("[name=signal]").selectOption("y");
+  await button(anna, "Trend").click();
+  await anna.locator("[name=signal]").selectOption(["y", "u"]);
+  await anna.locator("[name=span]").selectOption("1 h");
   await button(anna, "Valve").click();
   await anna.locator("[name=display]").selectOption("overview");
   await anna.keyboard.press("Tab");
@@ -77,6 +80,7 @@ test("two people draw displays", {timeout: 900000}, async () => {
   await button(anna, "Save").click();
   await anna.locator(".picture [data-ref='sensor.1'], .picture .level").first().waitFor();
   assert.deepEqual(readdirSync(process.env.APC_DISPLAYS), ["tank-1.0001.svg"]);
+  await anna.getByRole("link", {name: /^Trend of the last 1 h: y .*, u /}).waitFor();
   await clean(anna, "display");
 
   const carl = await enter("carl", "graphic/tank-1", {width: 400, height: 800});
@@ -100,7 +104,7 @@ test("two people draw displays", {timeout: 900000}, async () => {
   await button(ben, "Column").click();
   await button(ben, "Save").click();
   await until("ben is told", async () => /anna has saved version 2/.test(await ben.locator("main [role=alert]").textContent()));
-  assert.ok(await ben.locator("[data-item=i5]").isVisible());
+  assert.ok(await ben.locator("[data-item=i6]").isVisible());
   await clean(ben, "conflict");
   await button(ben, "Save mine as version 3").click();
   await button(ben, "Versions").click();

@@ -151,7 +151,7 @@ test("what is no drawing says so", () => {
 test("elements say what signals they show, and how", () => {
   const bound = (name: string, attributes: Record<string, string>): unknown => {
     const part = only([el(name, {"data-apc": "y1", ...attributes})]);
-    return part.bound && [part.bound.name, part.bound.how];
+    return part.bound && [part.bound.names.join(" "), part.bound.how];
   };
   assert.deepEqual(bound("text", {}), ["y1", "text"]);
   assert.deepEqual(bound("tspan", {}), ["y1", "text"]);
@@ -160,8 +160,20 @@ test("elements say what signals they show, and how", () => {
   assert.deepEqual(bound("rect", {"data-apc-as": "state"}), ["y1", "state"]);
   assert.deepEqual(bound("text", {"data-apc-as": "show"}), ["y1", "show"]);
   for (const [name, how] of [["circle", "bar"], ["path", "text"], ["text", "state"], ["rect", "nonsense"]]) assert.equal(bound(name as string, {"data-apc-as": how as string}), null, `${name} as ${how}`);
-  assert.deepEqual(only([el("rect", {"data-apc": " y1 ", "data-apc-low": "-1", "data-apc-high": "x", "data-apc-to": "right"})]).bound, {name: "y1", how: "bar", low: -1, high: null, right: true});
+  assert.deepEqual(only([el("rect", {"data-apc": " y1 ", "data-apc-low": "-1", "data-apc-high": "x", "data-apc-to": "right"})]).bound, {names: ["y1"], how: "bar", low: -1, high: null, right: true, by: [], span: 600});
   assert.deepEqual(taken([el("text", {"data-apc": "a"}), el("rect", {"data-apc": "b"}), el("path", {"data-apc": "a"}), el("defs", {}, [el("text", {"data-apc": "c"})])]).names, ["a", "b"]); // what is used elsewhere shows nothing by itself
+});
+
+test("a trend has several signals and a span, what moves says how far", () => {
+  const trend = only([el("rect", {"data-apc": "y1 y2, y1", "data-apc-as": "trend", "data-apc-span": "3600"})]).bound;
+  assert.deepEqual([trend?.names, trend?.how, trend?.span], [["y1", "y2"], "trend", 3600]);
+  assert.deepEqual(["1e9", "-5", "x"].map(span => only([el("rect", {"data-apc": "y1", "data-apc-as": "trend", "data-apc-span": span})]).bound?.span), [86400, 10, 600]);
+  assert.equal(only([el("rect", {"data-apc": Array.from({length: 99}, (_, i) => `y${i}`).join(" "), "data-apc-as": "trend"})]).bound?.names.length, 6);
+  const moving = (how: string, to: string): unknown => only([el("g", {"data-apc": "y1", "data-apc-as": how, "data-apc-to": to})]).bound?.by ?? null;
+  assert.deepEqual([moving("move", "100 -2.5"), moving("turn", "-90")], [[100, -2.5], [-90]]);
+  assert.deepEqual([moving("move", "100"), moving("move", ""), moving("turn", "90 1"), moving("turn", "x"), moving("move", "1 1e999")], [null, null, null, null, null]);
+  const refused = drawing(file([el("g", {"data-apc": "y1", "data-apc-as": "turn", "data-apc-to": "far"}), el("circle", {"data-apc": "y1", "data-apc-as": "trend"})])) as Drawing;
+  assert.deepEqual([refused.names, refused.left.map(one => one.what)], [[], ['data-apc-to="far"', 'data-apc-as="trend" of <circle>']]);
 });
 
 test("a bar is filled from its foot", () => {

@@ -20,13 +20,16 @@ function two(): Sketch {
 test("a drawing is read as it was written, and what others drew stays", () => {
   let sketch = KINDS.reduce((of, kind) => placed(of, kind, `a "${kind}" <&>`).sketch, EMPTY);
   sketch = piped(changed(sketch, "i1", {signal: "y", display: "unit-1", low: "0", high: "5"}), "i1", "i3");
+  sketch = changed(sketch, "i10", {signal: "y u", span: "3600", low: "-1", high: "30"});
   sketch = {...sketch, drawn: ['<rect xmlns="http://www.w3.org/2000/svg" width="5" height="6" data-apc="u"/>']};
   const again = read(fileOf(sketch));
   assert.deepEqual({...again, drawn: []}, {...sketch, drawn: []});
   assert.match(again?.drawn.join("") ?? "", /^<rect[^>]* width="5" height="6" data-apc="u"/);
   const shown = drawing(parsed(fileOf(sketch)));
   assert.ok("root" in shown);
-  assert.deepEqual(shown.names.sort(), ["u", "y"]);
+  assert.deepEqual([...shown.names].sort(), ["u", "y"]);
+  const trend = shown.root.parts.flatMap(one => (typeof one === "string" ? [] : one.parts)).flatMap(one => (typeof one === "string" ? [] : one.bound ?? [])).find(one => one.how === "trend");
+  assert.deepEqual(trend, {names: ["y", "u"], how: "trend", low: -1, high: 30, right: false, by: [], span: 3600});
   assert.deepEqual(shown.left, []);
   assert.deepEqual(shown.links, ["unit-1"]);
 });

@@ -12,14 +12,17 @@ export interface Given {
   readonly childNodes: ArrayLike<Given>;
 }
 
-export type How = "text" | "bar" | "state" | "show";
+const HOWS = ["text", "bar", "state", "show", "trend", "move", "turn"] as const;
+export type How = (typeof HOWS)[number];
 
 export interface Bound {
-  name: string; // of a signal, or TABLE.ID
+  names: string[]; // of signals, or TABLE.ID; of a trend there may be several
   how: How;
-  low: number | null; // of a bar, where it has ends of its own
+  low: number | null; // of its scale, where it has ends of its own
   high: number | null;
-  right: boolean; // it grows to the right, else upwards
+  right: boolean; // a bar grows to the right, else upwards
+  by: number[]; // at the high end it is moved so far, x and y, or turned by so many degrees
+  span: number; // of a trend, s
 }
 
 export interface Part {
@@ -55,6 +58,10 @@ const SVG = "http://www.w3.org/2000/svg";
 const HTML = "http://www.w3.org/1999/xhtml"; // what is of any other is an editor's own, and no browser shows it
 const MOST_PARTS = 20000;
 const MOST_DEPTH = 64;
+export const MOST_CURVES = 6; // of a trend; as many pens have a colour
+const SPAN = 600; // s
+const LEAST_SPAN = 10;
+const MOST_SPAN = 86400;
 
 const list = (words: string): Set<string> => new Set(words.split(" "));
 const TAGS = list("g path rect circle ellipse line polyline polygon text tspan defs linearGradient radialGradient stop clipPath marker symbol use");
@@ -217,17 +224,28 @@ class Reader {
     const said = new Map(Array.from(of.attributes ?? []).map(one => [one.name, one.value.trim()]));
     const name = said.get("data-apc");
     if (!name) return null;
-    const how = said.get("data-apc-as") ?? (tag === "text" || tag === "tspan" ? "text" : tag === "rect" ? "bar" : "state");
-    if (!["text", "bar", "state", "show"].includes(how) || (how === "text") !== (tag === "text" || tag === "tspan") && how !== "show" || (how === "bar" && tag !== "rect")) {
-      this.drop(`data-apc-as="${how.slice(0, 20)}" of <${tag}>`);
+    const letters = tag === "text" || tag === "tspan";
+    const asked = said.get("data-apc-as") ?? (letters ? "text" : tag === "rect" ? "bar" : "state");
+    const how = HOWS.find(one => one === asked);
+    const fits = how === "text" ? letters : how === "bar" || how === "trend" ? tag === "rect" : how === "state" ? !letters : tag !== "tspan" || how === "show";
+    if (!how || !fits) {
+      this.drop(`data-apc-as="${asked.slice(0, 20)}" of <${tag}>`);
       return null;
     }
-    if (!this.names.includes(name)) this.names.push(name);
+    const to = said.get("data-apc-to") ?? "";
+    const by = how === "move" || how === "turn" ? to.split(/[\s,]+/).map(one => (one === "" ? NaN : Number(one))) : [];
+    if (!by.every(isFinite) || by.length !== (how === "move" ? 2 : how === "turn" ? 1 : 0)) {
+      this.drop(`data-apc-to="${to.slice(0, 20)}"`);
+      return null;
+    }
+    const names = how === "trend" ? [...new Set(name.split(/[\s,]+/))].slice(0, MOST_CURVES) : [name];
+    for (const one of names) if (!this.names.includes(one)) this.names.push(one);
     const end = (what: string): number | null => {
       const value = said.get(what);
       return value && isFinite(Number(value)) ? Number(value) : null;
     };
-    return {name, how: how as How, low: end("data-apc-low"), high: end("data-apc-high"), right: said.get("data-apc-to") === "right"};
+    const span = end("data-apc-span") ?? SPAN;
+    return {names, how, low: end("data-apc-low"), high: end("data-apc-high"), right: to === "right", by, span: Math.min(MOST_SPAN, Math.max(LEAST_SPAN, span))};
   }
 
   /** What is used must be there, must not use again, and counts as often as it is used: else a few lines draw billions. */

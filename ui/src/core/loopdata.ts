@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Of each loop, and of each measurement beyond them: the last ten minutes and the scale of its bars and axes.
+// Of each loop, and of each measurement beyond them: the last ten minutes and the scale of its bars and axes. And what else of the
+// newest is drawn small.
 import {Cell} from "./cell";
 import {Curve} from "./curve";
 import {env} from "./env";
@@ -10,29 +11,32 @@ import type {Loop, Ref} from "./types";
 
 export const RECENT = 600; // s
 const PIXELS = 150;
+const MOST = 8000; // samples that are drawn as they came; then they are asked for again, as so many pixels
 
 interface Recent {
+  span: number; // s
   curve: Curve | null; // null: the plant has no such variable
   shown: Cell<Series>;
 }
 
-const recents = new Map<Ref, Recent>();
+const recents = new Map<Ref, Recent[]>(); // of each span
 const scales = new Map<string, Cell<Scale | null>>();
 
-function of(ref: Ref): Recent {
-  let one = recents.get(ref);
+function of(ref: Ref, span = RECENT): Recent {
+  const all = recents.get(ref) ?? [];
+  let one = all.find(other => other.span === span);
   if (!one) {
     const what = variable(ref);
-    one = {curve: what && new Curve(what), shown: new Cell(empty())};
-    recents.set(ref, one);
+    one = {span, curve: what && new Curve(what), shown: new Cell(empty())};
+    recents.set(ref, [...all, one]);
     fill(one);
   }
   return one;
 }
 
-/** The last ten minutes of a variable; kept up from the first time it is asked for. */
-export function recent(ref: Ref): Cell<Series> {
-  return of(ref).shown;
+/** The last `span` seconds of a variable; kept up from the first time they are asked for. */
+export function recent(ref: Ref, span?: number): Cell<Series> {
+  return of(ref, span).shown;
 }
 
 const wanting: Recent[] = [];
@@ -43,25 +47,28 @@ function fill(one: Recent): void {
   if (wanting.push(one) > 1) return;
   env.later(() => {
     const until = shownNow();
-    for (const {curve, shown} of wanting.splice(0)) curve?.fill(until - RECENT, until, PIXELS, shownAt.value == null, () => (shown.value = {...curve.series}));
+    for (const {span, curve, shown} of wanting.splice(0)) curve?.fill(until - span, until, PIXELS, shownAt.value == null, () => (shown.value = {...curve.series}));
   }, GATHER);
 }
 
 refill.subscribe(() => {
-  for (const one of recents.values()) fill(one);
+  for (const all of recents.values()) for (const one of all) fill(one);
 });
 
 onSample((ref, [, t, value, status]) => {
-  const one = recents.get(ref);
-  if (!one?.curve || t == null) return;
-  one.curve.take(t, value, status, t - RECENT);
-  one.shown.value = {...one.curve.series};
+  if (t == null) return;
+  for (const one of recents.get(ref) ?? []) {
+    if (!one.curve) continue;
+    one.curve.take(t, value, status, t - one.span);
+    one.shown.value = {...one.curve.series};
+    if (one.curve.whole && one.curve.series.t.length > MOST) fill(one);
+  }
 });
 
 // Curves and scales of another plant say nothing of this one.
 onNewPlant(() => {
   wanting.length = 0;
-  for (const {curve} of recents.values()) curve?.stop();
+  for (const all of recents.values()) for (const {curve} of all) curve?.stop();
   recents.clear();
   scales.clear();
 });

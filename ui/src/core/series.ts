@@ -201,3 +201,25 @@ export function align(curves: {t: number[]; columns: (number | null)[][]}[]): [n
 export function shifted(s: Series, by: number): Series {
   return {...s, t: s.t.map(t => t + by)};
 }
+
+/** A curve as a pen goes; then what lay in each bin, however short it was. */
+export function trace(series: Series, step: boolean, moveTo: (t: number, v: number) => void, lineTo: (t: number, v: number) => void): void {
+  let last: number | null = null;
+  series.t.forEach((t, i) => {
+    const v = series.mid[i];
+    if (v != null) {
+      if (last == null) moveTo(t, v);
+      else {
+        if (step) lineTo(t, last);
+        lineTo(t, v);
+      }
+    }
+    last = v ?? null;
+  });
+  series.t.forEach((t, i) => {
+    const [low, high] = [series.low[i], series.high[i]];
+    if (low == null || high == null || high <= low) return;
+    moveTo(t, high);
+    lineTo(t, low);
+  });
+}

@@ -3,7 +3,7 @@
 // is changed in place, so that each step can be taken back.
 import {type Box, type Given, holdsError} from "./graphic";
 
-export const KINDS = ["tank", "valve", "pump", "heater", "exchanger", "column", "text", "value", "bar"] as const;
+export const KINDS = ["tank", "valve", "pump", "heater", "exchanger", "column", "text", "value", "bar", "trend"] as const;
 export type Kind = (typeof KINDS)[number];
 export const GRID = 10;
 const GAP = 2 * GRID; // to what stands beside a new one
@@ -12,10 +12,11 @@ export interface Item extends Box {
   id: string;
   kind: Kind;
   text: string;
-  signal: string; // by name, or TABLE.ID; "": none
+  signal: string; // by name, or TABLE.ID; "": none; of a trend there may be several, with blanks between
   display: string; // to which it leads; "": to the faceplate of its signal
-  low: string; // of a bar, or the level of a tank; "": the signal's own
+  low: string; // of a bar, a trend, or the level of a tank; "": the signal's own
   high: string;
+  span: string; // of a trend, s; "": 10 min
 }
 export interface Pipe {
   id: string;
@@ -32,7 +33,7 @@ export interface Sketch {
 }
 
 export const EMPTY: Sketch = {width: 1000, height: 560, root: {"font-size": "20"}, drawn: [], items: [], pipes: []};
-const SIZES: Record<Kind, [number, number]> = {tank: [120, 160], valve: [60, 40], pump: [60, 60], heater: [60, 60], exchanger: [80, 80], column: [90, 240], text: [120, 30], value: [120, 30], bar: [40, 160]};
+const SIZES: Record<Kind, [number, number]> = {tank: [120, 160], valve: [60, 40], pump: [60, 60], heater: [60, 60], exchanger: [80, 80], column: [90, 240], text: [120, 30], value: [120, 30], bar: [40, 160], trend: [320, 160]};
 
 // ---- What can be done to it
 
@@ -58,7 +59,7 @@ export function placed(of: Sketch, kind: Kind, text = ""): {sketch: Sketch; id: 
   const places: [number, number][] = [];
   for (let x = GAP; x + width <= of.width; x += GAP) for (let y = GAP; y + height <= of.height; y += GAP) places.push([x, y]);
   const [x, y] = [middle, ...places.sort((a, b) => far(a) - far(b))].find(free) ?? middle;
-  return {sketch: {...of, items: [...of.items, {id, kind, x, y, width, height, text, signal: "", display: "", low: "", high: ""}]}, id};
+  return {sketch: {...of, items: [...of.items, {id, kind, x, y, width, height, text, signal: "", display: "", low: "", high: "", span: ""}]}, id};
 }
 
 const changing = (of: Sketch, ids: readonly string[], change: (one: Item) => Partial<Item>): Sketch => ({...of, items: of.items.map(one => (ids.includes(one.id) ? {...one, ...change(one)} : one))});
@@ -109,7 +110,7 @@ const LINE = {fill: "var(--panel)", stroke: "currentColor", "stroke-width": 2};
 const BARE = {...LINE, fill: "none"};
 
 /** From 0, 0. */
-function symbol({kind, width: w, height: h, text, signal, low, high}: Item): Figure[] {
+function symbol({kind, width: w, height: h, text, signal, low, high, span}: Item): Figure[] {
   const path = (d: string, how: Record<string, string | number> = LINE): Figure => figure("path", {d, ...how});
   const middle = {x: w / 2, "text-anchor": "middle", fill: "currentColor", "font-size": 16};
   const label = text === "" || kind === "text" ? [] : [figure("text", {...middle, y: h + 20}, text)];
@@ -118,6 +119,7 @@ function symbol({kind, width: w, height: h, text, signal, low, high}: Item): Fig
   switch (kind) {
     case "tank": return [figure("rect", {width: w, height: h, rx: Math.min(w, h) / 8, ...LINE}), figure("rect", {x: 6, y: 6, width: w - 12, height: h - 12, rx: Math.min(w, h) / 10, stroke: "none", fill: signal ? "var(--live)" : "none", "fill-opacity": 0.3, ...bound}), ...label];
     case "bar": return [figure("rect", {width: w, height: h, ...LINE, fill: signal ? "var(--live)" : "var(--page)", "fill-opacity": signal ? 0.3 : 1, ...bound}), ...label];
+    case "trend": return [figure("rect", {width: w, height: h, ...LINE, fill: "var(--page)", ...bound, ...(signal ? {"data-apc-as": "trend"} : {}), ...(span ? {"data-apc-span": span} : {})}), ...(signal ? [] : [path(`M${w * 0.08} ${h * 0.75}L${w * 0.35} ${h * 0.35}L${w * 0.6} ${h * 0.55}L${w * 0.92} ${h * 0.25}`, BARE)]), ...label];
     case "valve": return [path(`M0 0L${w} ${h}V0L0 ${h}Z`), ...label];
     case "pump": return [round(0.5), path(`M${w * 0.25} ${h * 0.2}L${w} ${h / 2}L${w * 0.25} ${h * 0.8}Z`, BARE), ...label];
     case "heater": return [round(0.5), path(`M0 ${h / 2}h${w * 0.25}l${w * 0.125} ${-h * 0.25}l${w * 0.25} ${h * 0.5}l${w * 0.125} ${-h * 0.25}h${w * 0.25}`, BARE), ...label];
@@ -128,11 +130,11 @@ function symbol({kind, width: w, height: h, text, signal, low, high}: Item): Fig
   }
 }
 
-const INSIDE: readonly Kind[] = ["tank", "bar", "value"]; // what shows the signal is a part of them
+const INSIDE: readonly Kind[] = ["tank", "bar", "value", "trend"]; // what shows the signal is a part of them
 
 export function figureOf(one: Item): Figure {
-  const {id, kind, x, y, width, height, text, signal, display, low, high} = one;
-  const kept = Object.entries({text, signal, low, high}).filter(([, value]) => value !== "").map(([name, value]) => [`data-apc-item-${name}`, value]);
+  const {id, kind, x, y, width, height, text, signal, display, low, high, span} = one;
+  const kept = Object.entries({text, signal, low, high, span}).filter(([, value]) => value !== "").map(([name, value]) => [`data-apc-item-${name}`, value]);
   return figure(
     "g",
     {id, "data-apc-item": kind, "data-apc-size": `${width} ${height}`, transform: `translate(${x} ${y})`, ...Object.fromEntries(kept), ...(display ? {"data-apc-display": display} : {}), ...(signal && !INSIDE.includes(kind) && kind !== "text" ? {"data-apc": signal} : {})},
@@ -193,7 +195,7 @@ export function sketchOf(of: Given, text: (element: Given) => string): Sketch | 
     const [from, to] = (its["data-apc-pipe"] ?? "").split(" ");
     const id = its.id ?? "";
     if (kind && id && [px, py, sw, sh].every(isFinite) && !itemOf(sketch, id))
-      sketch.items.push({id, kind, x: px, y: py, width: sw, height: sh, text: its["data-apc-item-text"] ?? "", signal: its["data-apc-item-signal"] ?? "", display: its["data-apc-display"] ?? "", low: its["data-apc-item-low"] ?? "", high: its["data-apc-item-high"] ?? ""});
+      sketch.items.push({id, kind, x: px, y: py, width: sw, height: sh, text: its["data-apc-item-text"] ?? "", signal: its["data-apc-item-signal"] ?? "", display: its["data-apc-display"] ?? "", low: its["data-apc-item-low"] ?? "", high: its["data-apc-item-high"] ?? "", span: its["data-apc-item-span"] ?? ""});
     else if (id && from && to) sketch.pipes.push({id, from, to});
     else sketch.drawn.push(text(one));
   }

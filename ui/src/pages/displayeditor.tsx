@@ -4,11 +4,12 @@ import {h, type JSX} from "preact";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {ApiError, get, post} from "../core/api";
-import {drawing, type Part} from "../core/graphic";
+import {drawing, MOST_CURVES, type Part} from "../core/graphic";
 import {nameOf} from "../core/pens";
 import {changed, EMPTY, type Figure, figureOf, fileOf, GRID, ground, type Item, itemOf, type Kind, KINDS, moved, nameFor, piped, pipeFigure, placed, redone, removed, resized, type Sketch, sketchOf, type Steps, stepped, undone} from "../core/sketch";
 import {tr} from "../core/texts";
 import type {Display, Plant} from "../core/types";
+import {SPANS} from "../core/view";
 import {path} from "../router";
 
 interface Props {
@@ -245,7 +246,7 @@ function Icon({kind}: {kind: Kind}): JSX.Element {
 /** As the page shows what anybody may have drawn; without life. */
 function Ground({of}: {of: Sketch}): JSX.Element | null {
   const read = useMemo(() => (of.drawn.length > 0 ? drawing(parse(ground(of))) : null), [of.drawn]);
-  const still = (part: Part): JSX.Element => h(part.tag, part.attributes as never, part.bound?.how === "text" ? part.bound.name : part.parts.map(one => (typeof one === "string" ? one : still(one))));
+  const still = (part: Part): JSX.Element => h(part.tag, part.attributes as never, part.bound?.how === "text" ? part.bound.names[0] : part.parts.map(one => (typeof one === "string" ? one : still(one))));
   return read && "root" in read ? <g pointer-events="none">{read.root.parts.map(one => (typeof one === "string" ? one : still(one)))}</g> : null;
 }
 
@@ -270,6 +271,8 @@ interface Its {
 }
 function Properties({of, plant: p, all, change, move}: Its): JSX.Element {
   const names = useMemo(() => p.variables.filter(one => one.table !== "tuning").map(one => nameOf(one, p.variables)), [p]);
+  const several = of.kind === "trend";
+  const chosen = of.signal.split(" ").filter(Boolean);
   const field = (name: "text" | "low" | "high"): JSX.Element => (
     <label>{tr(`sketch.${name}`)} <input name={name} size={14} maxLength={80} value={of[name]} onChange={event => change({[name]: event.currentTarget.value})} /></label>
   );
@@ -283,14 +286,23 @@ function Properties({of, plant: p, all, change, move}: Its): JSX.Element {
       {of.kind !== "text" && (
         <label>
           {tr("common.signal")}{" "}
-          <select name="signal" value={of.signal} onChange={event => change({signal: event.currentTarget.value})}>
-            <option value="">–</option>
-            {of.signal && !names.includes(of.signal) && <option value={of.signal}>{of.signal} ?</option>}
-            {names.map(name => <option key={name} value={name}>{name}</option>)}
+          <select name="signal" multiple={several} size={several ? 8 : undefined} onChange={event => change({signal: Array.from(event.currentTarget.selectedOptions, one => one.value).slice(0, several ? MOST_CURVES : 1).join(" ")})}>
+            {!several && <option value="">–</option>}
+            {chosen.filter(name => !names.includes(name)).map(name => <option key={name} value={name} selected>{name} ?</option>)}
+            {names.map(name => <option key={name} value={name} selected={chosen.includes(name)}>{name}</option>)}
           </select>
         </label>
       )}
-      {(of.kind === "bar" || of.kind === "tank") && of.signal && <>{field("low")}{field("high")}</>}
+      {several && (
+        <label>
+          {tr("sketch.span")}{" "}
+          <select name="span" value={of.span || String(SPANS[0].span)} onChange={event => change({span: event.currentTarget.value})}>
+            {of.span && !SPANS.some(({span}) => String(span) === of.span) && <option value={of.span}>{of.span} s</option>}
+            {SPANS.map(({name, span}) => <option key={span} value={span}>{name}</option>)}
+          </select>
+        </label>
+      )}
+      {(of.kind === "bar" || of.kind === "tank" || several) && of.signal && <>{field("low")}{field("high")}</>}
       <label>
         {tr("sketch.leads")}{" "}
         <select name="display" value={of.display} onChange={event => change({display: event.currentTarget.value})}>

@@ -7,13 +7,16 @@ import {get, post, text as getText} from "../core/api";
 import {duration, exact, missing, stamp} from "../core/format";
 import {type Bound, boxOf, type Drawing, drawing, filled, type Part} from "../core/graphic";
 import {leftOut, noDrawing} from "../core/graphicwords";
+import {holds} from "../core/history";
 import {worstOf} from "../core/list";
-import {loopScale} from "../core/loopdata";
-import {live, marks, plant, session, shownAt} from "../core/model";
-import {signal} from "../core/pens";
-import {words, worth} from "../core/quality";
-import {place as placeOn} from "../core/scale";
+import {loopScale, recent, trendScale} from "../core/loopdata";
+import {knownUntil, live, marks, plant, second, session, shownAt, shownNow} from "../core/model";
+import {nameOf, pensAbout, signal} from "../core/pens";
+import {type Live, words, worth} from "../core/quality";
+import {place as placeOn, type Scale} from "../core/scale";
+import {held, trace} from "../core/series";
 import type {Display, Plant, Ref, Variable} from "../core/types";
+import {SPANS} from "../core/view";
 import {download} from "../download";
 import {pressed} from "../faceplate";
 import {AlarmMark} from "../parts/alarmmark";
@@ -170,10 +173,15 @@ function Piece({of, scene}: {of: Part; scene: Scene}): JSX.Element {
   }
   const children = inside(of, scene);
   if (!bound) return h(of.tag, of.attributes, children);
-  const one = scene.signals.get(bound.name);
+  const one = scene.signals.get(bound.names[0] as string);
+  if (bound.how === "trend") {
+    const known = bound.names.flatMap(name => scene.signals.get(name) ?? []);
+    if (known.length > 0) return <Trend of={of} bound={bound} signals={known} scene={scene} />;
+  }
   if (!one) return h(of.tag, {...of.attributes, class: "unknown-signal"}, bound.how === "text" ? "?" : children);
   if (bound.how === "show") return <Appearing of={of} signal={one}>{children}</Appearing>;
   if (bound.how === "bar") return <Level of={of} bound={bound} signal={one} mark={scene.mark} />;
+  if (bound.how === "move" || bound.how === "turn") return <Moving bound={bound} signal={one}><State of={of} signal={one} scene={scene}>{children}</State></Moving>;
   return bound.how === "text" ? <Said of={of} signal={one} scene={scene} /> : <State of={of} signal={one} scene={scene}>{children}</State>;
 }
 
@@ -183,12 +191,66 @@ function Appearing({of, signal: one, children}: {of: Part; signal: Variable; chi
   return h(of.tag, {...of.attributes, ...(value ? {} : {visibility: "hidden"}), "data-shown": value ? "true" : "false"}, children);
 }
 
-function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: Variable; mark: number}): JSX.Element {
+function useScale({low, high}: Bound, of: Variable[]): Scale | null {
+  const refs = of.map(one => one.ref);
+  const usual = useCell(refs.length > 1 ? trendScale(refs) : loopScale({measurement: refs[0] as Ref, setpoint: null}));
+  return low != null && high != null && low < high ? {low, high} : usual;
+}
+
+function usePlace(bound: Bound, one: Variable): {now: Live; scale: Scale | null; unknown: boolean; at: ReturnType<typeof placeOn> | null} {
   const now = useCell(live(one.ref));
-  const usual = useCell(loopScale({measurement: one.ref, setpoint: null}));
-  const scale = bound.low != null && bound.high != null && bound.low < bound.high ? {low: bound.low, high: bound.high} : usual;
+  const scale = useScale(bound, [one]);
   const unknown = now.value == null || worth(now.status) === "bad"; // that is no empty tank
-  const at = unknown || !scale ? null : placeOn(scale, now.value as number);
+  return {now, scale, unknown, at: unknown || !scale ? null : placeOn(scale, now.value as number)};
+}
+
+/** As far as its signal is on its scale; where that is not known, as it was drawn. */
+function Moving({bound: {how, by: [x = 0, y = 0]}, bound, signal: one, children}: {bound: Bound; signal: Variable; children: ComponentChildren}): JSX.Element {
+  const at = usePlace(bound, one).at?.at ?? 0;
+  const short = (n: number): number => Number((n * at).toFixed(3));
+  return how === "move" ? <g transform={`translate(${short(x)} ${short(y)})`}>{children}</g> : <g class="turning" style={{transform: `rotate(${short(x)}deg)`}}>{children}</g>;
+}
+
+/** What its signals did, within its rectangle; it leads to their trend. */
+function Trend({of, bound, signals, scene, scene: {plant: p}}: {of: Part; bound: Bound; signals: Variable[]; scene: Scene}): JSX.Element {
+  useCell(second);
+  const scale = useScale(bound, signals);
+  const {transform, ...frame} = of.attributes;
+  const box = boxOf(frame);
+  const size = Math.min(0.7 * scene.mark, box.height / 5);
+  const [top, bottom] = [1.4 * size, box.height - 0.3 * size];
+  const now = shownNow();
+  const curve = (one: Variable, {low, high}: Scale): string => {
+    const series = recent(one.ref, bound.span).value;
+    const goes = (letter: string) => (t: number, v: number): void => void (d += `${letter}${(box.width * (1 + (t - now) / bound.span)).toFixed(1)} ${(bottom - (bottom - top) * Math.min(1, Math.max(0, (v - low) / (high - low)))).toFixed(1)}`);
+    let d = "";
+    trace(holds(one) && !live(one.ref).value.stale ? held(series, knownUntil()) : series, holds(one), goes("M"), goes("L"));
+    return d;
+  };
+  const says = (one: Variable): string => `${one.name} ${told(one.ref, live(one.ref).value.value)} ${one.unit}`.trim();
+  const span = SPANS.find(known => known.span === bound.span)?.name ?? duration(bound.span);
+  const label = tr("graphic.trend", {names: signals.map(says).join(", "), span});
+    const shown = (
+    <>
+      {h("rect", frame as never)}
+      <svg {...box}>{scale && signals.map((one, i) => <path key={one.ref} class="curve" d={curve(one, scale)} style={{stroke: `var(--pen-${i + 1})`}} data-ref={one.ref} />)}</svg>
+    </>
+  );
+  return (
+    <g transform={transform}>
+      {scene.linked ? <g role="img" aria-label={label}>{shown}</g> : <a class="bound" href={path("trend", pensAbout(signals.map(one => nameOf(one, p.variables)), {live: true, span: bound.span, to: now}))} aria-label={label}>{shown}</a>}
+      <svg {...box} font-size={size} pointer-events="none" aria-hidden="true">
+        {scale && <text class="scale" x={box.width - size / 3} y={top + size} text-anchor="end">{exact(scale.high)}</text>}
+        {scale && <text class="scale" x={box.width - size / 3} y={bottom} text-anchor="end">{exact(scale.low)}</text>}
+        <text class="scale" x={size / 3} y={bottom}>{span}</text>
+        <text x={size / 3} y={size}>{signals.map((one, i) => <tspan key={one.ref} style={{fill: `var(--pen-${i + 1})`}}>{says(one)} {"\u2002"}</tspan>)}</text>
+      </svg>
+    </g>
+  );
+}
+
+function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: Variable; mark: number}): JSX.Element {
+  const {now, scale, unknown, at} = usePlace(bound, one);
   const frameBox = boxOf(of.attributes);
   const {fill, ...frame} = of.attributes;
   const box = at && filled(boxOf(of.attributes), at.at, bound.right);

@@ -6,7 +6,7 @@ import {useCell} from "../usecell";
 import {recent, RECENT} from "../core/loopdata";
 import {knownUntil, live, second, shownNow} from "../core/model";
 import {extent, type Scale} from "../core/scale";
-import {held, indexAt, type Series} from "../core/series";
+import {held, indexAt, type Series, trace} from "../core/series";
 import {colour, onPrint, repaint} from "../theme";
 import type {Ref} from "../core/types";
 import {told} from "./value";
@@ -38,23 +38,7 @@ function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], sc
     context.strokeStyle = colour(name);
     context.lineWidth = (step ? 1 : 1.5) * ratio;
     context.beginPath();
-    let last: number | null = null;
-    series.t.forEach((t, i) => {
-      const v = series.mid[i];
-      if (v == null) last = null;
-      else if (last == null) context.moveTo(x(t), y((last = v)));
-      else {
-        if (step) context.lineTo(x(t), y(last));
-        context.lineTo(x(t), y((last = v)));
-      }
-    });
-    // What lay in a bin, however short it was.
-    series.t.forEach((t, i) => {
-      const [low, high] = [series.low[i], series.high[i]];
-      if (low == null || high == null || high <= low) return;
-      context.moveTo(x(t), y(high));
-      context.lineTo(x(t), y(low));
-    });
+    trace(series, step, (t, v) => context.moveTo(x(t), y(v)), (t, v) => context.lineTo(x(t), y(v)));
     context.stroke();
   }
 }
