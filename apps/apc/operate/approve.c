@@ -18,11 +18,12 @@ static const struct option_spec approve_options[] = {
 };
 
 static const struct cli_spec approve_spec = {
-    .args_doc = "[VARIABLE]",
+    .args_doc = "[VARIABLE|ID]",
     .doc =
         "Write what somebody else has asked for, where the experiment file has a `second_person`; with what "
-        "was "
-        "asked for at once. VARIABLE is a name or TABLE.ID, such as setpoint.1. Without one, list all that "
+        "was asked for at once. VARIABLE is a name or TABLE.ID, such as setpoint.1: whatever of it waits "
+        "now. "
+        "ID, when it was asked for, as the list has it: that or nothing. Without either, list all that "
         "waits.",
     .takes = CLI_STORE | CLI_WRITES,
     .max_args = 1,
@@ -31,18 +32,16 @@ static const struct cli_spec approve_spec = {
 
 static int list_waiting(const struct cli *cli, struct apc_store *store, const struct plant_view *view)
 {
-    static const struct print_column columns[] = {{"VARIABLE", PRINT_LEFT},
-                                                  {"ASKED", PRINT_POINT},
-                                                  {"BY", PRINT_LEFT},
-                                                  {"AGE", PRINT_LEFT},
-                                                  {"LEFT", PRINT_LEFT}};
+    static const struct print_column columns[] = {{"VARIABLE", PRINT_LEFT}, {"ASKED", PRINT_POINT},
+                                                  {"BY", PRINT_LEFT},       {"AGE", PRINT_LEFT},
+                                                  {"LEFT", PRINT_LEFT},     {"ID", PRINT_LEFT}};
     const apc_ns now = apc_clock_utc(NULL);
-    char text[CHANGE_TEXT];
+    char text[CHANGE_TEXT], id[APC_TIME_LEN];
     struct print_table table;
     struct waiting *waiting;
     const int n = waiting_load(&waiting, store, view);
     int rc = n < 0 ? cli_store_error(cli, n, store) : EXIT_OK, shown = 0;
-    print_table_open(&table, columns, 5);
+    print_table_open(&table, columns, 6);
     for (int i = 0; i < n; i++) {
         const struct waiting *w = &waiting[i];
         struct apc_sample to = w->row;
@@ -55,6 +54,7 @@ static int list_waiting(const struct cli *cli, struct apc_store *store, const st
         print_cell(&table, PRINT_PLAIN, "%s", w->asker);
         print_cell(&table, PRINT_FAINT, "%s", change_age(now - w->row.time, text));
         print_cell(&table, PRINT_FAINT, "%s", change_age(w->until - now, text));
+        print_cell(&table, PRINT_FAINT, "%s", apc_time_format(w->row.time, id));
         shown++;
     }
     if (rc == EXIT_OK && shown == 0)
@@ -72,10 +72,13 @@ static int approve(const struct cli *cli, struct apc_store *store, const struct 
     struct change_fault why;
     struct approval approval = {0};
     struct operation o = {.plant = view, .author = who};
+    apc_ns asked;
     operate_who(who, sizeof who);
-    int err = operation_approve(&o, store, 0, cli->args[0], refuses, &approval, &why);
+    if (apc_time_parse(cli->args[0], &asked) < 0)
+        asked = 0;
+    int err = operation_approve(&o, store, asked, cli->args[0], refuses, &approval, &why);
     if (err == 0 && refuses && (err = operation_refuse(&o, store, &why)) == 0)
-        printf("%s: refused, asked by %s\n", cli->args[0], approval.asker);
+        printf("%s: refused, asked by %s\n", o.change[0].to.name, approval.asker);
     const int rc = err < 0 && strcmp(why.code, "store") == 0 ? cli_store_error(cli, err, store)
                    : err < 0                                 ? operate_fault(cli, &why)
                    : refuses                                 ? EXIT_OK

@@ -67,8 +67,13 @@ approved=$(api POST /api/approve "{\"time\": $(asked_at)}")
 "$apc" history --events --store "$live" --last 1000 --csv | grep -q '"anna","operator","r: .* -> 2 (asked by '"$me"')' || fail "who has asked is not on record"
 seq=$("$apc" get r --store "$live" --json | python3 -c 'import json, sys; print(json.load(sys.stdin)[0]["seq"])')
 [[ $(api POST /api/setpoint "{\"id\": 1, \"value\": 3, \"seq\": $seq}") == "409 "*second* ]] || fail "anna alone has written r"
-expect 0 '^r: 2 -> 3 \(applied\)' "$apc" approve r --store "$live"
+waits() { "$apc" approve --store "$live" | awk '$1 == "r" { print $NF }'; }
+id=$(waits)
+expect 0 '^r: 2 -> 3 \(applied\)' "$apc" approve "$id" --store "$live"
 [[ $(api POST /api/setpoint "{\"id\": 1, \"value\": 4, \"seq\": $((seq + 1))}") == "409 "*second* ]] || fail "anna alone has written r"
-expect 0 '^r: refused, asked by anna' "$apc" approve r --refuse --store "$live"
+# Promise(modes/second-person-id): Who approves or refuses a write by the id that was shown approves no other one that waits meanwhile.
+expect 4 'it does not wait for a second person: it was approved or refused' "$apc" approve "$id" --store "$live"
+[ -n "$(waits)" ] || fail "another one was approved"
+expect 0 'r: refused, asked by anna' "$apc" approve "$(waits)" --refuse --store "$live"
 expect 0 '^nothing waits for a second person' "$apc" approve --store "$live"
 [ "$(written r 4)" = 0 ] || fail "what was refused was written"

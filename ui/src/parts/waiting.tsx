@@ -6,7 +6,7 @@ import {useWriteBar} from "../access";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
 import {get, post} from "../core/api";
-import {duration} from "../core/format";
+import {duration, iso} from "../core/format";
 import {events, plant, refill, second, serverNow, session, shownAt} from "../core/model";
 import {tr} from "../core/texts";
 import type {Waiting} from "../core/types";
@@ -41,7 +41,7 @@ function Asked({changes, onRefused}: {changes: Waiting["changes"]; onRefused: ()
   const refuse = (): void => void post("/api/refuse", {time}, 5).then(onRefused, (reason: Error) => setError(reason.message));
   return (
     <p class="say">
-      <span>{tr("waiting.asked", {user, what, left: duration(Math.max(0, until - serverNow()))})}</span>{" "}
+      <span>{tr("waiting.asked", {user, what, left: duration(Math.max(0, until - serverNow()))})}</span> <span class="unit">{iso(time)}</span>{" "}
       {!own && <button type="button" class="primary" disabled={barred != null} onClick={() => void send("approve", "approve", {time}, what)}>{tr("waiting.approve")}</button>}{" "}
       <button type="button" disabled={barred != null} onClick={refuse}>{tr(own ? "waiting.withdraw" : "waiting.refuse")}</button>
       {error && <span class="complaint"> {error}</span>}
