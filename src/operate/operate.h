@@ -343,7 +343,8 @@ struct operation {
     bool confirmed;     /* great steps are meant: change_step() */
     const char *group;  /* they are target modes, of all loops of this: "mode"; NULL: they are not */
     const char *author; /* "": nobody who is known */
-    const char *note;   /* behind each event: " (from 10.0.0.1): too warm"; NULL: nothing */
+    const char *note;   /* behind each event: " (from 10.0.0.1)"; NULL: nothing */
+    const char *reason; /* behind that, as change_reason() takes it; NULL, "": none */
     const struct apc_sample *mark;   /* a row that is written with them; NULL: none */
     const struct approval *approval; /* operation_approve() has filled it in; NULL: it is no such */
     int (*record)(void *ctx, struct apc_store *store, const struct apc_event *event,

@@ -503,15 +503,17 @@ char *operation_taken(const struct operation *o, const struct apc_sample *row, c
 static size_t words_of_events(const struct operation *o, struct apc_event *event, const char *also)
 {
     const bool one = o->group && operation_is_one(o);
-    const char *note = o->note ? o->note : "";
+    const char *note = o->note ? o->note : "", *reason = o->reason ? o->reason : "";
+    const char *because = reason[0] ? ": " : "";
     char text[192];
     size_t n = 0;
     for (size_t i = 0; i < (one ? 1 : o->n); i++)
-        snprintf(event[n++].text, sizeof event->text, "%s%s%s",
-                 change_words(&o->change[i], one ? o->group : NULL, text, sizeof text), also, note);
+        snprintf(event[n++].text, sizeof event->text, "%s%s%s%s%s",
+                 change_words(&o->change[i], one ? o->group : NULL, text, sizeof text), also, note, because,
+                 reason);
     for (size_t i = 0; i < o->with.n; i++)
         if (operation_taken(o, &o->with.at[i], text, sizeof text))
-            snprintf(event[n++].text, sizeof event->text, "%s%s", text, note);
+            snprintf(event[n++].text, sizeof event->text, "%.120s%s%s%s", text, note, because, reason);
     for (size_t i = 0; i < n; i++) {
         event[i].time = o->time;
         event[i].severity = APC_EVENT_INFO;

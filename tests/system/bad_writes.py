@@ -84,7 +84,8 @@ def cli(row, apc, store):
     row.outcome()
     what = {"tune": ["tune", f"{row.name}={row.value}"], "mode": ["mode", row.name, row.value], "stop": ["set", "--stop", row.name],
             "ramp": ["set", "--over", "60", row.name, row.value]}.get(row.what, ["set", row.name, row.value])
-    done = subprocess.run([apc, *what, "--store", store], capture_output=True, text=True)
+    because = [f"--{name}={text}" for name, text in row.because().items()]
+    done = subprocess.run([apc, *what, *because, "--store", store], capture_output=True, text=True)
     say(row, "apc", f"{done.stdout}{done.stderr} exit code {done.returncode}", f"exit code {row.exit}")
     return True
 

@@ -81,7 +81,7 @@ void post_refuse(struct ui *ui, struct request *r, struct apc_store *store)
 {
     static const char *const members[] = {"time", "reason", NULL};
     struct known_plant plant = {0};
-    char reason[REASON_LEN], note[REASON_LEN + 80];
+    char reason[REASON_LEN], note[80];
     apc_ns time;
     json_t *body = body_parse(r->body, r->n, members, &r->fault);
     const bool ok = body && request_time(r, body, "time", &time) && request_reason(r, body, reason);
@@ -96,8 +96,9 @@ void post_refuse(struct ui *ui, struct request *r, struct apc_store *store)
     if (rc < 0) {
         fault_store(r, rc, store);
     } else {
-        struct operation o = {.plant = &plant.view, .author = r->session.user, .note = note};
-        snprintf(note, sizeof note, " (from %.50s)%s%s", r->from->address, reason[0] ? ": " : "", reason);
+        struct operation o = {
+            .plant = &plant.view, .author = r->session.user, .note = note, .reason = reason};
+        snprintf(note, sizeof note, " (from %.50s)", r->from->address);
         refuse_write(ui, r, store, &o, time);
     }
     known_free(&plant);

@@ -548,12 +548,12 @@ static int audit_events(void *ctx, struct apc_store *store, const struct apc_eve
 static int put_order(struct ui *ui, const struct request *r, struct order *o, struct apc_store *store,
                      struct change_fault *why)
 {
-    char note[REASON_LEN + 120], then[APC_TIME_LEN + 16] = "", time[APC_TIME_LEN];
+    char note[120], then[APC_TIME_LEN + 16] = "", time[APC_TIME_LEN];
     const apc_ns began = apc_clock_mono(NULL);
     if (o->write.kind == WRITE_RETAKE)
         snprintf(then, sizeof then, " (as of %s)", apc_time_format(o->write.undoes, time));
-    snprintf(note, sizeof note, "%s (from %.50s)%s%s", o->write.kind == WRITE_UNDO ? " (undo)" : then,
-             r->from->address, o->reason[0] ? ": " : "", o->reason);
+    snprintf(note, sizeof note, "%s (from %.50s)", o->write.kind == WRITE_UNDO ? " (undo)" : then,
+             r->from->address);
     if (is_being_moved(o))
         o->change[0].after.seq = APC_SEQ_ANY;
     o->operation = (struct operation){.plant = &o->plant.view,
@@ -564,6 +564,7 @@ static int put_order(struct ui *ui, const struct request *r, struct order *o, st
                                       .approval = o->write.kind == WRITE_APPROVE ? &o->approval : NULL,
                                       .author = o->write.user,
                                       .note = note,
+                                      .reason = o->reason,
                                       .record = audit_events,
                                       .ctx = ui,
                                       .time = o->write.time};

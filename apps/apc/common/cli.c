@@ -25,6 +25,7 @@ static const struct argp_option format_options[] = {
 static const struct argp_option write_options[] = {
     {"no-wait", OPT_NO_WAIT, NULL, 0,
      "Write, also where no controller runs, and do not wait for what becomes of it", 0},
+    {"reason", 'r', "TEXT", 0, "Why, for the record; at most 80 bytes", 0},
     {0}};
 
 /* What getopt would take for options of one digit. */
@@ -58,11 +59,12 @@ static error_t parse_format(int key, char *arg, struct argp_state *state)
 static error_t parse_write(int key, char *arg, struct argp_state *state)
 {
     struct cli *cli = state->input;
-    (void)arg;
-    if (key != OPT_NO_WAIT)
-        return ARGP_ERR_UNKNOWN;
-    cli->no_wait = true;
-    return 0;
+    struct change_fault why;
+    if (key == OPT_NO_WAIT)
+        cli->no_wait = true;
+    else if (key == 'r' && change_reason(cli->reason = arg, &why) < 0)
+        argp_error(state, "%s", why.text);
+    return key == OPT_NO_WAIT || key == 'r' ? 0 : ARGP_ERR_UNKNOWN;
 }
 
 static const struct argp store_argp = {store_options, parse_store, NULL, NULL, NULL, NULL, NULL};

@@ -24,7 +24,7 @@ enum cli_takes {
     CLI_FORMAT = 2,
     CLI_NEGATIVE = 4,    /* arguments may be negative numbers: -5 is then none of the options */
     CLI_OWN_STORE = 8,   /* `store` stays NULL without --store and APC_STORE */
-    CLI_WRITES = 16,     /* --no-wait */
+    CLI_WRITES = 16,     /* --no-wait, --reason */
     CLI_MAKES_STORE = 32 /* one that is not there yet may be meant */
 };
 
@@ -33,6 +33,7 @@ struct cli {
     const char *store;
     const char *folder; /* of the run whose stores these are, where it was given; else NULL */
     bool no_wait;       /* for what becomes of a write */
+    const char *reason; /* of a write; NULL: none */
     bool unnamed;       /* neither --store nor APC_STORE gave one */
     bool store_given;   /* --store did */
     enum cli_format format;

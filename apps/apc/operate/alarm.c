@@ -20,11 +20,9 @@
 #define WORST 5                  /* alarms that settings are tried of, where none is named */
 #define DAY   (86400 * APC_NS_PER_S)
 
-#define REASON_MAX 80 /* bytes, as over HTTP: an event has little more room */
-
 struct alarm_options {
     bool all, once, figures;
-    const char *for_, *since, *until, *last, *reason, *at;
+    const char *for_, *since, *until, *last, *at;
 };
 
 struct session {
@@ -42,7 +40,6 @@ static const struct option_spec own_options[] = {
     {"all", 'a', NULL, "list: also what is normal; ack: all that is unacknowledged", OPTION_FLAG, AT(all)},
     {"for", 'f', "DURATION", "shelve: how long, as 30m or 2h; required", OPTION_TEXT, AT(for_)},
     {"once", 0, NULL, "shelve: only until it has returned to normal", OPTION_FLAG, AT(once)},
-    {"reason", 'r', "TEXT", "Why, for the record; at most 80 bytes", OPTION_TEXT, AT(reason)},
     {"since", 0, "TIME", "journal, try: from then on, RFC 3339 or before now as -8h; try: by default -24h",
      OPTION_TEXT, AT(since)},
     {"until", 0, "TIME", "journal, try: before then; default: now", OPTION_TEXT, AT(until)},
@@ -453,7 +450,7 @@ struct wanted {
 
 static void describe_wanted(const struct session *s, const struct wanted *w, char *text, size_t size)
 {
-    alarm_summary_words(alarm_summary_alarm(&s->summary, w->now)->name, &w->request, s->options.reason, text,
+    alarm_summary_words(alarm_summary_alarm(&s->summary, w->now)->name, &w->request, s->cli.reason, text,
                         size);
 }
 
@@ -605,9 +602,6 @@ static int check_request(struct session *s)
         return cli_usage(&s->cli, "--at is of list only");
     if (k >= 3 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))
         return cli_usage(&s->cli, "%s wants the name of an alarm", what);
-    if (k >= 3 && s->options.reason && strlen(s->options.reason) > REASON_MAX)
-        return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
-                         strlen(s->options.reason), REASON_MAX);
     if (!strcmp(what, "shelve") && !s->options.for_)
         return cli_usage(&s->cli, "shelve wants an end: --for 30m");
     return cli_duration(&s->cli, "for", s->options.for_, &s->duration);

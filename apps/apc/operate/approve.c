@@ -71,7 +71,7 @@ static int approve(const struct cli *cli, struct apc_store *store, const struct 
     char who[APC_AUTHOR_LEN];
     struct change_fault why;
     struct approval approval = {0};
-    struct operation o = {.plant = view, .author = who};
+    struct operation o = {.plant = view, .author = who, .reason = cli->reason};
     apc_ns asked;
     operate_who(who, sizeof who);
     if (apc_time_parse(cli->args[0], &asked) < 0)

@@ -100,6 +100,7 @@ static int ask_history(const struct cli *cli, struct apc_store *store, const str
         struct apc_request request = {
             .table = c->after.table, .variable = c->after.id, .value = c->after.value};
         snprintf(request.author, sizeof request.author, "%.31s", o->author);
+        snprintf(request.reason, sizeof request.reason, "%s", cli->reason ? cli->reason : "");
         const int asked = apc_store_ask(store, &request);
         if (asked < 0)
             return cli_store_error(cli, asked, store);
@@ -234,6 +235,7 @@ int operate(const struct cli *cli, struct apc_store *store, struct operation *o)
         return cli_store_error(cli, read, store);
     operate_who(who, sizeof who);
     o->author = who;
+    o->reason = cli->reason;
     const int rc = history ? ask_history(cli, store, o) : carry_out(cli, store, o);
     operation_end(o);
     return rc;

@@ -160,7 +160,8 @@ static int promote(struct promotion *p)
     rc = rc < 0 ? rc : apc_store_put(p->store, choice, 1);
     if (rc < 0)
         return cli_store_error(p->cli, rc, p->store);
-    snprintf(event.text, sizeof event.text, "promoted: %.40s -> %.40s", was, p->to->name);
+    snprintf(event.text, sizeof event.text, "promoted: %.40s -> %.40s%s%s", was, p->to->name,
+             p->cli->reason ? ": " : "", p->cli->reason ? p->cli->reason : "");
     rc = apc_store_append_events(p->store, &event, 1);
     if (rc < 0)
         return cli_error(p->cli, rc, "the change was made, but not recorded as an event: %s",

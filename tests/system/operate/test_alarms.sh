@@ -75,8 +75,8 @@ expect 2 'ack wants the name of an alarm' "$apc" alarm ack --store shm:none
 expect 4 'r.high may be shelved for up to 8 h$' "$apc" alarm shelve r.high --for 9h
 long=$(printf 'x%.0s' {1..81}) # bytes
 # Promise(page/reason-goes-write)
-expect 2 'reason: 81 bytes, and at most 80' "$apc" alarm shelve r.high --for 1h --reason "$long"
-expect 2 'reason: 81 bytes, and at most 80' "$apc" alarm ack r.high --reason "${long:2}é"
+expect 2 '"reason" must have at most 80 bytes' "$apc" alarm shelve r.high --for 1h --reason "$long"
+expect 2 '"reason" must have at most 80 bytes' "$apc" alarm ack r.high --reason "${long:2}é"
 expect 0 'r.high +1 +Acknowledged Active' "$apc" alarm list # nothing was written
 expect 0 'r.high: shelved until .* \(applied\)' "$apc" alarm shelve r.high --for 1h
 expect 0 'Shelved, Active' "$apc" alarm list

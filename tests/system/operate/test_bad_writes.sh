@@ -18,7 +18,7 @@ confirms
 background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
 ticks() { "$apc" mode --store "$live" | grep -q '^actual  Auto'; }
 until_true 60 ticks
-asked 16 bad_writes cli "$apc" "$live"
+asked 17 bad_writes cli "$apc" "$live"
 
 page_of "$live"
 asked 16 bad_writes http "$page" "$engineer" "$observer"

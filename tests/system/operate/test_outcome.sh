@@ -12,16 +12,20 @@ until_true 30 good
 # ---- Applied, one after the other
 # Promise(run/commands-operator-answer): The commands of an operator, each with its answer.
 
-expect 0 '^r: 10 -> 12 \(applied\)$' "$apc" set r 12
+# Promise(run/reason-of-a-write): `--reason` of a write stands behind it in its event, as one line, whatever is in it.
+expect 0 '^r: 10 -> 12 \(applied\)$' "$apc" set r 12 --reason $'too \e[1mcold\nÜ\xff'
 [ "$(sql 'SELECT z.value FROM apc.actual a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.origin
           WHERE a.id = 19 AND a.status = 0 ORDER BY a.seq DESC LIMIT 1')" = 12 ] || fail "the setpoint was not used when it was said to be"
-expect 0 '^mode: Auto -> Man \(applied\)$' "$apc" mode man
+expect 0 '^mode: Auto -> Man \(applied\)$' "$apc" mode man -r 'pump noisy'
 [ "$(sql 'SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1')" = 0 ] || fail "the actual mode is not Man"
-expect 0 '^u: [-.0-9e]+ -> 1.5 \(applied\)$' "$apc" set u 1.5
+expect 0 '^u: [-.0-9e]+ -> 1.5 \(applied\)$' "$apc" set u 1.5 --reason ''
 expect 0 '^mode: Man -> Auto \(applied\)$' "$apc" mode auto
 [ "$(sql 'SELECT count(*) > 0 FROM apc.actuator WHERE value = 1.5')" = t ] || fail "1.5 never went out"
 expect 0 '^Kp: 0.2 -> 0.15 \(applied\)$' "$apc" tune Kp=0.15
 expect 0 'mode: Auto already' "$apc" mode auto
+for said in 'r: 10 -> 12: too ?[1mcold Ü?' 'mode: Auto -> Man: pump noisy' 'mode: Man -> Auto'; do
+  "$apc" history --events --csv | grep -qF ",\"$said\"" || fail "no event says $said: $("$apc" history --events)"
+done
 said=$("$apc" set r 11 setpoint.1 13 2>&1) && fail "twice the same: $said"
 
 # ---- Several at once: each has a true outcome, and one that was passed over is not called applied
