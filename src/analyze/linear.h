@@ -7,6 +7,7 @@
 #define APC_LINEAR_LOOP_H
 
 #include <apcanalysis.h>
+#include <apctune.h>
 
 #include "experiment/experiment.h"
 
@@ -77,6 +78,14 @@ struct linear_cost {
 int linear_cost_create(struct linear_cost *c, const struct experiment *e, const struct linear_loop *l,
                        const struct linear_how *how, struct apc_error *why);
 void linear_cost_free(struct linear_cost *c);
+
+/* ---- Margins of a tuning -------------------------------------------------------------------- */
+
+/* Of the loop of @p g and a PID controller that ticks each @p Ts s, measures and acts at that instant; by half a
+ * period, as apc_tune_margins(), where a dead time of many periods leaves nothing of the difference. Returns 0 or a
+ * negative error. */
+int linear_margins_of_pid(const struct apc_transfer *g, const struct apc_pid_tuning *t, double Ts,
+                          struct apc_margins *margins, struct apc_error *why);
 
 /* The share of draws that are @x at most. */
 double distribution_below(const struct apc_distribution *d, double x);

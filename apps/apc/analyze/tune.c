@@ -14,7 +14,7 @@ static void check_tune_options(void *input, const struct argp_state *state)
     if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force))
         argp_error(state, "--model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
     if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
-        argp_error(state, "--tau-c is that of simc and lambda");
+        argp_error(state, "--tau-c goes with --rule simc or lambda");
 }
 
 static const char *const rules[SUGGEST_RULES + 1] = {"simc", "lambda", "relay", NULL};

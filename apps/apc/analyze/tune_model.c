@@ -15,8 +15,8 @@ static int take_transfer_functions(const struct model_file *f, const char *file,
             "writes them",
             file);
     if (f->inputs > IDENTIFY_SIGNALS || f->outputs > IDENTIFY_SIGNALS)
-        return apc_fail(why, APC_EINVAL, "%s has %zu inputs and %zu outputs; %d of each are the most", file,
-                        f->inputs, f->outputs, IDENTIFY_SIGNALS);
+        return apc_fail(why, APC_EINVAL, "%s has %zu inputs and %zu outputs: expected at most %d of each",
+                        file, f->inputs, f->outputs, IDENTIFY_SIGNALS);
     m->inputs = f->inputs;
     m->outputs = f->outputs;
     for (size_t j = 0; j < f->inputs; j++)

@@ -8,6 +8,7 @@
 
 #include <apctune.h>
 
+#include "analyze/linear.h"
 #include "apc/folder/folder.h"
 #include "apc/folder/kpi_window.h"
 #include "apc/identify/oscillation.h"
@@ -187,8 +188,7 @@ static int check_suggested_loop(const struct apc_transfer *g, const struct apc_p
     int rc;
 
     *a = (struct answer){.iae = 0.0};
-    a->margins.size = sizeof a->margins;
-    rc = apc_tune_margins(g, t, Ts, &a->margins, why);
+    rc = linear_margins_of_pid(g, t, Ts, &a->margins, why);
 
     if (rc == 0)
         rc = apc_linear_from_transfer(&plant, 1, 1, 0, g, NULL, NULL, Ts, why);

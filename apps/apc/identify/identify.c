@@ -82,21 +82,21 @@ static void check_identify_options(void *input, const struct argp_state *state)
     const struct identify_options *own = input;
     const struct identify_selection *selection = &own->selection;
     if (own->order && own->kind != TRANSFER && own->kind != SUBSPACE)
-        argp_error(state, "--order is that of --model transfer or --model subspace");
+        argp_error(state, "--order goes with --model transfer or --model subspace");
     if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
-        argp_error(state, "--suggest is for transfer functions");
+        argp_error(state, "--suggest goes with --model transfer, or without --model");
     const bool plant = own->finds || own->likelihood;
     if (own->priors && !own->finds)
         argp_error(state, "--prior is of parameters that --find names");
     if (own->profile && !(own->finds && own->likelihood))
         argp_error(state, "--profile is of --find with --likelihood");
     if (own->plant && !plant)
-        argp_error(state, "--plant is that of --find");
+        argp_error(state, "--plant goes with --find or --likelihood");
     if (plant && (own->kind != KINDS || own->suggest || own->output || own->validate))
         argp_error(state, "%s finds parameters: no --model, --suggest, --output or --validate with it",
                    own->finds ? "--find" : "--likelihood");
     if (selection->disturbances && selection->disturbances == selection->inputs)
-        argp_error(state, "--disturbances need --inputs beside them");
+        argp_error(state, "--disturbances goes with --inputs: name those as well");
 }
 
 #define AT(member) .to = offsetof(struct identify_options, member)
@@ -368,6 +368,19 @@ static int spare_files(const struct identification *z)
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
 }
 
+/* Of a run folder; where there are several, it is not said whose loops these will be. */
+static double period_of_controller(const char *record)
+{
+    struct apc_error why;
+    struct experiment e;
+    const bool is_one = experiment_load(&e, record, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) == 0 &&
+                        e.n_controllers == 1;
+    const double period = is_one ? apc_ns_to_s(e.controllers[0].rhythm.period) : 0.0;
+
+    experiment_free(&e);
+    return period;
+}
+
 /* ---- The command --------------------------------------------------------------------------------------- */
 
 int command_identify(int argc, char **argv)
@@ -394,6 +407,8 @@ int command_identify(int argc, char **argv)
         rc = write_identified_file(z);
     if (rc == EXIT_OK && z->own.figure)
         rc = draw_identified(z);
+    if (rc == EXIT_OK && z->own.suggest)
+        z->controller = period_of_controller(z->cli.args[0]);
     if (rc == EXIT_OK)
         identify_show(z);
 out:

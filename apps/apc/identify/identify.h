@@ -64,7 +64,8 @@ struct identification {
     struct identify_window window[IDENTIFY_RECORDS]; /* of each argument */
     struct identify_data data, other;                /* all records; other: of --validate */
     struct identify_model model[KINDS];
-    size_t fitted; /* samples that were fitted to */
+    size_t fitted;     /* samples that were fitted to */
+    double controller; /* s, its period; 0: the record does not say */
     int chosen;
 };
 

@@ -54,7 +54,8 @@ static int take_column(struct reading *r, struct table *t, size_t i)
     if (t->of[i] || !is_time(name))
         return 0;
     if (t->time != NO_TIME)
-        return csv_refuse(t->csv, r->why, "\"%.80s\" and \"%.80s\": which of them is the time?",
+        return csv_refuse(t->csv, r->why,
+                          "columns \"%.80s\" and \"%.80s\" are both a time: leave one of them out",
                           csv_name(t->csv, t->time), name);
     t->time = i;
     return 0;

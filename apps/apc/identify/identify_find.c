@@ -37,10 +37,10 @@ static int take_plant(struct finding *f, struct apc_error *why)
 
     f->file = f->z->own.plant ? f->z->own.plant : first;
     if (!f->z->own.plant && !(stat(first, &what) == 0 && S_ISDIR(what.st_mode)))
-        return apc_fail(
-            why, APC_EINVAL,
-            "%s is no run folder, that knows its plant: --plant FILE names an experiment file that has it",
-            first);
+        return apc_fail(why, APC_EINVAL,
+                        "%s is no run folder, so its plant is not known: name the experiment file that has "
+                        "it by --plant FILE",
+                        first);
     return experiment_load(&f->e, f->file, EXPERIMENT_MODEL, &(struct experiment_overrides){.law = NULL},
                            why);
 }
@@ -51,7 +51,9 @@ static int take_parameters(struct finding *f, struct apc_error *why)
     const struct identify_options *own = &f->z->own;
 
     if (!m)
-        return apc_fail(why, APC_ENOTFOUND, "%s says no model of its plant", f->file);
+        return apc_fail(why, APC_ENOTFOUND,
+                        "%s names no model of its plant: name an experiment file that does by --plant FILE",
+                        f->file);
     for (size_t i = 0; i < own->finds; i++) {
         size_t at = 0;
 

@@ -6,6 +6,7 @@
 
 #include <apctune.h>
 
+#include "analyze/linear.h"
 #include "apc/common/print.h"
 #include "files/files.h"
 #include "identify.h"
@@ -247,17 +248,22 @@ static int show_pairs(const struct identification *z)
     return rc;
 }
 
+static double period_of_suggestion(const struct identification *z)
+{
+    return z->controller > 0.0 ? z->controller : z->data.record.Ts;
+}
+
 /* Of pair @p p: PI, and PID where there is a second lag. False: there is none. */
 static bool suggest_pid_for_pair(const struct identification *z, size_t p, bool derivative,
                                  struct apc_pid_tuning *t, struct apc_margins *m, struct apc_error *why)
 {
     const struct apc_transfer *g = &z->model[TRANSFER].g[p];
-    const double period = z->data.record.Ts;
+    const double period = period_of_suggestion(z);
 
     why->text[0] = '\0';
     return (!derivative || g->tau[g->integrating ? 0 : 1] > 0.0) &&
            apc_tune_pid(g, APC_TUNE_SIMC, derivative, z->own.tau_c, period, t, why) == 0 &&
-           apc_tune_margins(g, t, period, m, why) == 0;
+           linear_margins_of_pid(g, t, period, m, why) == 0;
 }
 
 static void put_margin(struct print_table *t, bool stable, double margin)
@@ -282,7 +288,7 @@ static int show_tunings(const struct identification *z)
                                                   {"Ms", PRINT_POINT}};
     const size_t inputs = z->data.record.nu + z->data.record.nd;
     struct apc_pid_tuning tuning;
-    struct apc_margins m = {.size = sizeof m};
+    struct apc_margins m;
     struct apc_error why;
     struct print_table t;
 
@@ -305,8 +311,9 @@ static int show_tunings(const struct identification *z)
             put_margin(&t, m.stable, m.sensitivity);
         }
     }
-    printf("\nSIMC for a loop of each pair, with a controller of %g s; margins of the model\n",
-           z->data.record.Ts);
+    printf("\nSIMC for a loop of each pair, with %s of %g s; margins of the model\n",
+           z->controller > 0.0 ? "the record's controller" : "a controller, the period that of the record,",
+           period_of_suggestion(z));
     int rc = print_table_end(&t, stdout, cli_colour(), 0);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++)
         if (p % inputs < z->data.record.nu && !suggest_pid_for_pair(z, p, false, &tuning, &m, &why))
@@ -344,7 +351,7 @@ static void json_transfer(const char *key, const struct apc_transfer *g, struct 
 static void json_tunings(const struct identification *z, size_t p, struct text *out)
 {
     struct apc_pid_tuning t;
-    struct apc_margins m = {.size = sizeof m};
+    struct apc_margins m;
     struct apc_error why;
 
     json_add(out, "simc:[");

@@ -80,10 +80,10 @@ static void check_test_options(void *input, const struct argp_state *state)
 {
     const struct test_options *o = input;
     if (o->from > 0.0 && o->kind != TEST_PRBS && o->kind != TEST_MULTISINE)
-        argp_error(state, "--band is that of prbs and multisine; steps follow --settling, and a relay "
+        argp_error(state, "--band goes with --signal prbs or multisine; steps follow --settling, and a relay "
                           "finds its own");
     if (o->live && (o->seeded || o->net || o->set.n))
-        argp_error(state, "--live: --seed, --net and --set are of a simulated plant");
+        argp_error(state, "--live takes no --seed, --net and --set: they change a simulated plant");
 }
 
 #define AT(member) .to = offsetof(struct test_options, member)
@@ -371,7 +371,7 @@ int command_test(int argc, char **argv)
     }
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
     if (z->cli.n_args == 0 && !z->own.live) {
-        rc = cli_usage(&z->cli, "FILE is missing: the experiment of which plant?");
+        rc = cli_usage(&z->cli, "FILE is missing: give the experiment file of the plant");
         free(z);
         return rc;
     }

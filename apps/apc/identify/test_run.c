@@ -139,7 +139,8 @@ static int check_loops(struct test *z, struct apc_error *why)
                             "%s is in Man: its setpoint moves nothing; bring it to Auto, or move its output",
                             m->loop->name);
         if (row_of(z, k, TEST_OUTPUT)->seq == 0)
-            return apc_fail(why, APC_ESTATE, "%s has put out nothing yet", m->loop->name);
+            return apc_fail(why, APC_ESTATE,
+                            "%s has no output on record yet: wait until its controller ticks", m->loop->name);
     }
     return 0;
 }
@@ -174,7 +175,8 @@ static int check_guards(const struct test *z, struct apc_error *why)
     for (size_t i = 0; i < z->e.dim.ny; i++) {
         const struct test_guard *g = &z->guard[i];
         if (isnan(g->base))
-            return apc_fail(why, APC_ESTATE, "%s is not measured: there is nothing to learn",
+            return apc_fail(why, APC_ESTATE,
+                            "%s has no measurement on record: a test of it would show nothing",
                             z->e.y[i].tag.name);
         if (!(g->low < g->high) || !(g->base > g->low && g->base < g->high))
             return apc_fail(why, APC_ERANGE,

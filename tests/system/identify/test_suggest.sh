@@ -88,7 +88,7 @@ no() { # CODE PATTERN ARGUMENT...
 no 2 'must be simc, lambda or relay' --suggest "$work/tested" --rule best
 no 2 'go with --suggest RUN' --apply
 no 2 'go with --suggest RUN' --model "$work/fast.model"
-no 2 '--tau-c is that of simc and lambda' --suggest "$work/tested" --rule relay --tau-c 1
+no 2 '--tau-c goes with --rule simc or lambda' --suggest "$work/tested" --rule relay --tau-c 1
 no 2 'no NAME=VALUE' --suggest "$work/tested" Kp=1
 no 1 'there is no such file or folder' --suggest "$work/nothing"
 "$apc" simulate "$work/fast.conf" --report "$work/still" --set controller.mode=Man --duration 30 >/dev/null

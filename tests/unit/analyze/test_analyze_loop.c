@@ -619,10 +619,45 @@ static void a_law_is_asked_with_all_that_a_call_has(void **state)
     free(l);
 }
 
+/* Promise(analysis/margins-of-a-model): The margins that `apc tune --suggest` and `apc identify --suggest` tell are those of the loop as it
+ *   ticks. */
+static void a_tuning_of_a_model_has_the_margins_of_its_ticks(void **state)
+{
+    const struct apc_transfer integrator = {.gain = 1.0, .integrating = true},
+                              plant = {.gain = -2.0, .zero = -1.0, .tau = {8.0, 3.0}, .dead_time = 2.5},
+                              late = {.gain = 1.0, .tau = {8.0}, .dead_time = 61.0};
+    const struct apc_pid_tuning K = {.Kp = 0.5}, pid = {.Kp = -1.0, .tau_i = 9.0, .tau_d = 1.0};
+    struct apc_margins m, half = {.size = sizeof half};
+    struct apc_error why;
+    (void)state;
+
+    assert_int_equal(linear_margins_of_pid(&integrator, &K, 1.0, &m, &why), 0);
+    assert_true(m.stable);
+    assert_near(m.gain, 2.0 / 0.5, 1e-5);
+    assert_near(m.phase, (M_PI / 2.0 - asin(0.25)) * 180.0 / M_PI, 1e-4);
+    assert_int_equal(linear_margins_of_pid(&integrator, &K, 5.0, &m, &why), 0);
+    assert_false(m.stable);
+
+    /* of a short period half of it is dead time */
+    assert_int_equal(linear_margins_of_pid(&plant, &pid, 0.05, &m, &why), 0);
+    assert_int_equal(apc_tune_margins(&plant, &pid, 0.05, &half, &why), 0);
+    assert_true(m.stable && half.stable);
+    assert_near(m.gain, half.gain, 0.03 * half.gain);
+    assert_near(m.phase, half.phase, 0.02 * half.phase);
+    assert_near(m.delay, half.delay, 0.02 * half.delay);
+    assert_near(m.sensitivity, half.sensitivity, 0.02 * half.sensitivity);
+
+    assert_int_equal(linear_margins_of_pid(&late, &K, 1.0, &m, &why), 0);
+    assert_int_equal(apc_tune_margins(&late, &K, 1.0, &half, &why), 0);
+    assert_memory_equal(&m, &half, sizeof m);
+    assert_int_equal(linear_margins_of_pid(&late, &K, 0.0, &m, &why), APC_EINVAL);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_integrator_has_the_margins_of_theory),
+        cmocka_unit_test(a_tuning_of_a_model_has_the_margins_of_its_ticks),
         cmocka_unit_test(a_delay_at_the_margin_puts_a_pole_on_the_circle),
         cmocka_unit_test(a_long_delay_is_found_as_well_however_long_and_in_any_pattern_of_ticks),
         cmocka_unit_test(what_cannot_be_a_loop_is_refused),
