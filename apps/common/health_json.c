@@ -15,10 +15,12 @@ void health_evidence(const struct health *h, struct text *t)
     if (h->verdict == HEALTH_VALVE)
         text_add(t, "%sfriction of %.2g leaves %.2g %% less unexplained, in each half of the record", AND,
                  h->friction, 100 * h->explained);
+    if (h->verdict == HEALTH_UNKNOWN && h->n < HEALTH_TICKS)
+        text_add(t, "%s%zu ticks can be judged, %d take %.4g s", AND, h->n, HEALTH_TICKS, h->least);
     if (!isnan(h->swing))
-        text_add(t, "%sit swings every %.3g s", AND, h->swing);
+        text_add(t, "%sit swings with a period of %.3g s", AND, h->swing);
     if (!isnan(h->lasting))
-        text_add(t, ", %.0f %% of that is left many swings later", 100 * fmin(1, h->lasting));
+        text_add(t, "%sits correlation falls to %.0f %% over many periods", AND, 100 * fmin(1, h->lasting));
     text_put(t, "", 1);
 }
 

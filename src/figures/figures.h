@@ -110,6 +110,7 @@ enum health_verdict {
 struct health {
     enum health_verdict verdict;
     size_t n;          /* ticks that were judged */
+    double least;      /* s that HEALTH_TICKS of them take */
     double index;      /* least variance that any controller could have, over that on record: 1 is the best */
     double swing;      /* s, of a regular oscillation of the deviation */
     double regularity; /* above 1: it is one (Thornhill, Huang and Zhang, 2003) */
@@ -143,9 +144,9 @@ const char *health_words(enum health_verdict verdict); /* what it means, and wha
 
 /* Shares are of the window, 0 to 1. NAN: there is no such figure. */
 struct kpis_loop {
-    char name[APC_TAG_LEN];
-    int id;             /* of its target, in table opmode */
-    apc_ns from, until; /* what was on record; the same: nothing */
+    char name[APC_TAG_LEN], measurement[APC_TAG_LEN]; /* "": what is calculated */
+    int id;                                           /* of its target, in table opmode */
+    apc_ns from, until;                               /* what was on record; the same: nothing */
     double service; /* in Auto or Cas with its law's own answer: neither held, nor at its fault value, nor the
                        backup law's, nor gone */
     double low, high;             /* its output stood at that limit */

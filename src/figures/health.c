@@ -232,6 +232,7 @@ int health_judge(struct health *h, const struct health_series *s)
     const struct apc_part parts[] = {APC_PART(e, s->n), APC_PART(work, n), APC_PART(r, LAGS + 1)};
     *h = (struct health){.verdict = HEALTH_UNKNOWN,
                          .n = s->n,
+                         .least = HEALTH_TICKS * s->period,
                          .index = none,
                          .swing = none,
                          .regularity = none,
@@ -256,9 +257,11 @@ int health_judge(struct health *h, const struct health_series *s)
     int rc = 0;
     if (blames_sensor(h, s, work))
         h->verdict = HEALTH_SENSOR;
-    else if (s->limited > often_limited)
+    else if (s->limited > often_limited) {
         h->verdict = HEALTH_LIMITED;
-    else if ((rc = blames_valve(h, s, &valve)) == 0 && deviation(e, s->n) > 0) {
+        if (deviation(e, s->n) > 0)
+            (void)finds_swing(h, e, s->n, s->period, work, r);
+    } else if ((rc = blames_valve(h, s, &valve)) == 0 && deviation(e, s->n) > 0) {
         const enum health_verdict seen = of_deviation(h, s, e, work, r);
         h->verdict = valve ? HEALTH_VALVE : seen;
     }

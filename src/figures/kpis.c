@@ -175,13 +175,11 @@ static struct kpis_loop kpis_of_loop(const struct watch *w)
 }
 
 /* A measurement may come less often than the controller ticks. */
-static apc_ns measurement_period(const struct kpis_source *s, const struct loops_loop *loop)
+static apc_ns measurement_period(const struct apc_tag *measurement, apc_ns tick)
 {
-    const apc_ns tick = s->loops->controller[loop->controller].period;
     apc_ns period = 0;
-    for (size_t i = 0; i < s->n_tags && period == 0; i++)
-        if (s->tag[i].table == APC_SENSOR && s->tag[i].id == loop->measurement)
-            (void)apc_ns_from_s(s->tag[i].period, &period);
+    if (measurement)
+        (void)apc_ns_from_s(measurement->period, &period);
     return period > tick ? period : tick;
 }
 
@@ -189,6 +187,8 @@ static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t 
 {
     const struct loops_loop *const loop = &s->loops->at[i];
     const apc_ns period = s->loops->controller[loop->controller].period;
+    const struct plant_view plant = {s->tag, s->n_tags, s->loops};
+    const struct apc_tag *measurement = plant_tag(&plant, APC_SENSOR, loop->measurement);
     struct stretch stretch = {.period = period, .follows = loop->above >= 0};
     struct watch w = {.loop = loop,
                       .from = s->from,
@@ -196,13 +196,15 @@ static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t 
                       .t = s->from,
                       .period = period,
                       .patience = row_patience(period),
-                      .hold = row_patience(measurement_period(s, loop)),
+                      .hold = row_patience(measurement_period(measurement, period)),
                       .iae = none,
                       .setpoint = none,
                       .measurement = none,
                       .stretch = s->horizon ? &stretch : NULL};
     pass_loop_rows(&w, s->process, s->operation);
     *to = kpis_of_loop(&w);
+    if (measurement)
+        memcpy(to->measurement, measurement->name, sizeof to->measurement);
     return s->horizon ? stretch_judge(&stretch, to->low + to->high, *s->horizon, &to->health) : 0;
 }
 

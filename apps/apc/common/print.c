@@ -373,6 +373,7 @@ void page_begin(FILE *out, const char *what, const char *name)
         "th, td { border-bottom: 1px solid #999; padding: 2pt 8pt 2pt 0; text-align: left; vertical-align: "
         "top; }\n"
         "th { vertical-align: bottom; }\n"
+        "th::first-letter { text-transform: uppercase; }\n"
         ".number { text-align: right; }\n"
         "td:not(:last-child) { white-space: nowrap; }\n"
         "td:last-child:not(.number) { overflow-wrap: anywhere; width: 100%; }\n"

@@ -8,6 +8,7 @@
 static int print_loops(const struct kpis *m, FILE *out)
 {
     static const struct print_column columns[] = {{"loop", PRINT_LEFT},
+                                                  {"measurement", PRINT_LEFT},
                                                   {"service factor %", PRINT_POINT},
                                                   {"at low limit %", PRINT_POINT},
                                                   {"at high limit %", PRINT_POINT},
@@ -20,6 +21,7 @@ static int print_loops(const struct kpis *m, FILE *out)
     for (size_t i = 0; i < m->n_loops; i++) {
         const struct kpis_loop *l = &m->loop[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
+        print_cell(&table, PRINT_PLAIN, "%s", l->measurement);
         print_number(&table, 4, 100 * l->service);
         print_number(&table, 4, 100 * l->low);
         print_number(&table, 4, 100 * l->high);
@@ -93,8 +95,9 @@ static void kpis_member_json(const char *name, const struct kpis *m, apc_ns star
              apc_ns_to_s(m->until - start));
     for (const struct kpis_loop *l = m->loop; l < m->loop + m->n_loops; l++)
         json_add(t,
-                 "{loop:%s, service:%g, at_low:%g, at_high:%g, sd_in_service:%g, sd_without:%g, benefit:%g}",
-                 l->name, l->service, l->low, l->high, l->with, l->without, l->benefit);
+                 "{loop:%s, measurement:%s, service:%g, at_low:%g, at_high:%g, sd_in_service:%g, "
+                 "sd_without:%g, benefit:%g}",
+                 l->name, l->measurement, l->service, l->low, l->high, l->with, l->without, l->benefit);
     json_add(t, "], predictions:[");
     for (const struct kpis_prediction *p = m->prediction; p < m->prediction + m->n_predictions; p++)
         json_add(t, "{variable:%s, step_s:%g, steps:%zu, rms_one_step:%g, rms_all_steps:%g}", p->name,

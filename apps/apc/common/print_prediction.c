@@ -12,21 +12,26 @@ static void put_prediction_row(struct print_table *table, const struct predictio
     print_number(table, 6, c->came[k] - c->expected[k]);
 }
 
-int prediction_print(const struct prediction *o, FILE *out)
+void prediction_table(const struct prediction *o, struct print_table *table)
 {
     static const struct print_column columns[] = {{"expected", PRINT_LEFT},
                                                   {"ahead s", PRINT_POINT},
                                                   {"value", PRINT_POINT},
                                                   {"came", PRINT_POINT},
                                                   {"difference", PRINT_POINT}};
-    struct print_table table;
-    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    print_table_open(table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < o->n; i++) {
         const struct prediction_trajectory *c = &o->trajectory[i];
         for (size_t k = 1; k < c->n; k *= 2)
-            put_prediction_row(&table, c, k - 1);
-        put_prediction_row(&table, c, c->n - 1);
+            put_prediction_row(table, c, k - 1);
+        put_prediction_row(table, c, c->n - 1);
     }
+}
+
+int prediction_print(const struct prediction *o, FILE *out)
+{
+    struct print_table table;
+    prediction_table(o, &table);
     return print_table_end(&table, out, false, 0);
 }
 

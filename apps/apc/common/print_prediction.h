@@ -7,7 +7,11 @@
 
 #include <stdio.h>
 
-/* A table of what was expected and what came, at steps that double. Returns 0 or APC_ENOMEM. */
+struct print_table;
+
+/* A table of what was expected and what came, at steps that double; to be ended by print_table_end() or page_table(). */
+void prediction_table(const struct prediction *o, struct print_table *table);
+/* The same as text. Returns 0 or APC_ENOMEM. */
 int prediction_print(const struct prediction *o, FILE *out);
 /* "expectations":[...], all of them. */
 void prediction_member(const struct prediction *o, struct text *t);

@@ -278,7 +278,7 @@ int command_history(int argc, char **argv)
 
     cli_parse(&cli, &spec, &options, argc, argv);
     if (options.events && (cli.n_args > 0 || options.statistics))
-        return cli_usage(&cli, "either a variable or --events");
+        return cli_usage(&cli, "expected a variable or --events, not both");
     if (options.statistics && cli.format == CLI_CSV)
         return cli_usage(&cli, "--statistics has no CSV: take --json");
     if (!options.events && cli.n_args == 0)

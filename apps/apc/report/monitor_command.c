@@ -97,13 +97,17 @@ static int show_health(const struct kpis *m)
 {
     const int rc = print_health(m);
     size_t unknown = 0;
+    double least = 0;
     for (size_t i = 0; i < m->n_loops && rc == 0; i++) {
         unknown += m->loop[i].health.verdict == HEALTH_UNKNOWN;
+        if (m->loop[i].health.verdict == HEALTH_UNKNOWN)
+            least = fmax(least, m->loop[i].health.least);
         if (m->loop[i].health.verdict <= HEALTH_SLOW)
             print_words(&m->loop[i]);
     }
     if (unknown > 0 && rc == 0)
-        printf("%zu of %zu: %s\n", unknown, m->n_loops, health_words(HEALTH_UNKNOWN));
+        printf("%zu of %zu: %s; %d ticks take %.4g s\n", unknown, m->n_loops, health_words(HEALTH_UNKNOWN),
+               HEALTH_TICKS, least);
     return rc;
 }
 
@@ -249,9 +253,9 @@ int command_monitor(int argc, char **argv)
     if (cli.n_args == 0 && !cli.store)
         return cli_usage(&cli, "expected a run folder, or --store");
     if (cli.n_args > 0 && cli.store_given)
-        return cli_usage(&cli, "a run folder or --store: which of the two?");
+        return cli_usage(&cli, "expected a run folder or --store, not both");
     if (cli.n_args > 0 && options.notify)
-        return cli_usage(&cli, "--notify writes into --store: without a run folder");
+        return cli_usage(&cli, "--notify writes into a store: give --store in place of the run folder");
     int status = cli.n_args == 0 ? monitor_store(&cli, &options, &kpis) : monitor_run(&cli, &options, &kpis);
     if (status == EXIT_OK && kpis.loop) {
         kpis_sort_by_health(&kpis);

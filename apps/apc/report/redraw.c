@@ -184,7 +184,9 @@ static int take_run_window(const struct cli *cli, struct apc_store *store, const
             return cli_store_error(cli, rc, store);
         *to = newest.seq > 0 && newest.time >= *to ? newest.time + 1 : *to;
     }
-    return *to > 0 ? cli_time(cli, "from", "0", from) : cli_error(cli, APC_ENOTFOUND, "nothing was recorded");
+    return *to > 0 ? cli_time(cli, "from", "0", from)
+                   : cli_error(cli, APC_ENOTFOUND,
+                               "no measurement is on record there: there is nothing to report");
 }
 
 static int take_page_window(const struct cli *cli, const struct report_options *o, struct apc_store *store,
@@ -235,7 +237,7 @@ static void name_page(const char *html, const struct page_window *w, char path[P
 
 static int put_page(const struct cli *cli, const struct report_options *o, struct apc_store *store)
 {
-    struct page_window w = {.plant = ""};
+    struct page_window w = {.plant = "", .title = ""};
     struct apc_error why;
     struct experiment e = {0};
     int64_t revision;
@@ -244,8 +246,10 @@ static int put_page(const struct cli *cli, const struct report_options *o, struc
     if (status != EXIT_OK)
         return status;
     int rc = experiment_stored(&e, store, &revision, &why);
-    if (rc > 0)
+    if (rc > 0) {
         w.plant = e.name;
+        w.title = e.title;
+    }
     name_page(o->html, &w, path);
     if (rc >= 0)
         rc = strcmp(o->html, "-") != 0 ? write_page(path, store, &w, &why)
@@ -260,7 +264,7 @@ static int make_page(struct cli *cli, const struct report_options *o)
 {
     struct apc_store *store = NULL;
     if (cli->n_args > 0 && cli->store_given)
-        return cli_usage(cli, "a run folder or --store: which of the two?");
+        return cli_usage(cli, "expected a run folder or --store, not both");
     if (cli->n_args > 0) {
         cli->store = cli->args[0];
         cli_find_store(cli);
@@ -409,13 +413,13 @@ int command_report(int argc, char **argv)
     if (cli.n_args == 0 && !cli.store)
         return cli_usage(&cli, "expected a run folder, or --store");
     if (options.at && (options.from || options.to))
-        return cli_usage(&cli, "--at is of one time: without --from and --to");
+        return cli_usage(&cli, "--at shows one time: leave --from and --to out");
     if (options.day && (options.from || options.to || options.at))
-        return cli_usage(&cli, "--day is the window: without --from, --to and --at");
+        return cli_usage(&cli, "--day is the whole day: leave --from, --to and --at out");
     if (options.html && (options.at || options.json))
-        return cli_usage(&cli, "--html is of a window, and no JSON: without --at and --json");
+        return cli_usage(&cli, "--html shows a window, as a page: leave --at and --json out");
     if (options.day && cli.n_args > 0 && !options.html)
-        return cli_usage(&cli, "--day is of a store, or of --html");
+        return cli_usage(&cli, "--day of a run folder goes with --html: add it, or give --store");
     if (options.html)
         return cli_done(&cli, make_page(&cli, &options));
     if (cli.n_args == 0)

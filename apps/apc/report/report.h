@@ -36,6 +36,7 @@ int report_leave_part(const char *dir, const struct experiment *e, const char *t
 struct page_window {
     apc_ns from, until; /* UTC */
     const char *plant;  /* "": it has no name */
+    const char *title;  /* of its experiment; "": none */
 };
 
 /* What a store recorded in a window, as a page for paper: figures, loops, outages, alarms, what people wrote and entered,

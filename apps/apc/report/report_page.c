@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "apc/common/print.h"
+#include "apc/common/print_prediction.h"
 #include "apc/folder/kpi_window.h"
 #include "experiment/experiment.h"
 #include "report.h"
@@ -205,6 +206,32 @@ static int put_loops(const struct page *p)
     return rc;
 }
 
+/* The newest of which all has come; of a short window that of its middle. */
+static int put_predictions(const struct page *p)
+{
+    struct prediction newest, o = {0};
+    struct apc_error why;
+    struct print_table table;
+    char text[PRINT_LEN];
+    double ahead = 0;
+    int rc = window_prediction_of_store(&newest, p->store, p->range.until, &why);
+    for (size_t i = 0; i < newest.n; i++)
+        ahead = fmax(ahead, prediction_ahead(&newest.trajectory[i], newest.trajectory[i].n - 1));
+    prediction_free(&newest);
+    const double window = apc_ns_to_s(p->range.until - p->range.since);
+    const apc_ns at = p->range.until - (apc_ns)(1e9 * fmin(ahead, window / 2));
+    if (rc == 0)
+        rc = window_prediction_of_store(&o, p->store, at, &why);
+    if (rc == 0) {
+        fprintf(p->out, "<h2>Prediction</h2>\n<p>What predictive laws expected at %s, and what came.</p>\n",
+                report_time(at, text));
+        prediction_table(&o, &table);
+        rc = page_table(p->out, &table);
+    }
+    prediction_free(&o);
+    return rc == APC_ENOTFOUND ? 0 : rc;
+}
+
 static int put_trends(const struct page *p)
 {
     int rc = 0;
@@ -345,6 +372,9 @@ static void put_report_head(const struct page *p)
     const time_t begin = p->range.since / APC_NS_PER_S;
     struct tm t;
     page_begin(p->out, "Report", p->window->plant);
+    fputs("<p><b>", p->out);
+    page_text(p->out, p->window->title);
+    fputs("</b></p>\n", p->out);
     if (localtime_r(&begin, &t))
         (void)strftime(zone, sizeof zone, "UTC%z", &t);
     fprintf(p->out, "<p>From %s", report_time(p->range.since, text));
@@ -357,6 +387,8 @@ static int put_report(struct page *p)
     put_report_head(p);
     put_key_figures(p);
     int rc = put_loops(p);
+    if (rc == 0)
+        rc = put_predictions(p);
     if (rc == 0)
         rc = put_outages(p);
     if (rc == 0)

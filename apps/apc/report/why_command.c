@@ -323,7 +323,7 @@ static int explain_folder(struct why_command *c)
     struct experiment e;
     struct apc_error why;
     if (c->cli.store_given)
-        return cli_usage(&c->cli, "a run folder, %s, or --store: one of them", dir);
+        return cli_usage(&c->cli, "expected either a run folder, %s, or --store", dir);
     int rc = experiment_load(&e, dir, 0, NULL, &why);
     c->start = e.start ? e.start : SIMULATION_BEGIN;
     experiment_free(&e);

@@ -51,6 +51,12 @@ for d in re.findall(r'<path fill="none".* d="(.*?)"', open(sys.argv[1]).read()):
     x = [float(at) for at in re.findall(r"[ML]([0-9.]+)", d)]
     assert x[0] < 70 and 690 < x[-1] < 700, (x[0], x[-1])
 END
+# Promise(page/report-prediction): The page has the title of its experiment, and of predictive laws what they expected beside what came.
+grep -q "<b>$(sed -n 's/^title = "\(.*\)";/\1/p' "$APC_SOURCE_DIR/experiments/alarms/pump-failure.conf")</b>" "$page" || fail "the page has no title: $(sed -n '/<h1>/,/<ul/p' "$page")"
+expect 0 '' env -u APC_STORE "$apc" run "$APC_SOURCE_DIR/experiments/four-tank-mpc.conf" --no-ui --speed max -d 200 -o "$work/mpc"
+expect 0 '' env -u APC_STORE "$apc" report "$work/mpc" --html "$work/mpc.html"
+shown "$work/mpc.html" '^h1 \| 5 \| 46\.[0-9]+ \| 46\.[0-9]+ \| -?0\.0' '^ \| 300 \| 46\.[0-9]+ \| - \| -$' || fail "the page has no prediction: $(sed -n '/Prediction/,/Outages/p' "$work/mpc.html")"
+! grep -q '<h2>Prediction' "$page" || fail "there is a prediction of a law that makes none"
 expect 0 '<h1>Report pump-failure</h1>' env -u APC_STORE "$apc" report "$work/run" --from 500 --to 1000 --html -
 expect 0 '' env -u APC_STORE "$apc" report --store "$work/run" --from 1970-01-01 --to 2026-01-01 --html "$work/decades.html"
 labels=$(grep -c 'text-anchor="middle">' "$work/decades.html")
@@ -84,7 +90,7 @@ expect 2 'a day from 1970 to 2259' "$apc" report --day 2300-01-01 --html -
 expect 2 'there is no such day' "$apc" report --day 2026-02-30 --html -
 expect 2 'without --from, --to and --at' "$apc" report --day today --from -1h
 expect 2 'the window is empty' "$apc" report --from 2099-01-01 --html -
-expect 2 'which of the two' "$apc" report "$work/run" --store sqlite:other --html -
+expect 2 'a run folder or --store, not both' "$apc" report "$work/run" --store sqlite:other --html -
 expect 1 'cannot be written' "$apc" report --day 2025-05-01 --html "$work/none/page.html"
 ln -s "$work/day.html" "$work/link.html"
 expect 1 'no plain file' "$apc" report --day 2025-05-01 --html "$work/link.html"

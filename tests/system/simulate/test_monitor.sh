@@ -28,6 +28,13 @@ for Kp in 0.4 1.8; do "$apc" simulate well.conf --set controller.period=2 --set 
 judged ticks-0.4 good
 judged ticks-1.8 tight
 judged well unknown --to 400
+"$apc" monitor well --to 400 >said
+grep -q 'fewer than 500 ticks .*; 500 ticks take 500 s$' said || fail "not said how long 500 ticks are: $(cat said)"
+# Promise(analysis/limited-swing): A loop that swings between its limits is `limited`, and said to swing, with the period.
+"$apc" simulate well.conf --set controller.period=2 --set 'controller.tuning.[0].Kp=20' --report between >/dev/null
+judged between limited
+"$apc" monitor between >said
+grep -q 'at a limit too often .*; it swings with a period of 1[01]\.[0-9]* s; its correlation falls to 9[0-9] % over many periods$' said || fail "not said that it swings: $(cat said)"
 "$apc" monitor sticks >said
 grep -qE '^u: the valve sticks .* friction of 0\.[12]' said || fail "no word of the valve: $(cat said)"
 
@@ -67,7 +74,7 @@ told
 
 code=0
 "$apc" monitor well --notify >said 2>&1 || code=$?
-[ $code -eq 2 ] && grep -q 'without a run folder' said || fail "a run folder is written to: $(cat said)"
+[ $code -eq 2 ] && grep -q 'in place of the run folder' said || fail "a run folder is written to: $(cat said)"
 
 code=0
 "$apc" monitor well --to -5 >said 2>&1 || code=$?
