@@ -157,7 +157,9 @@ static int open_alarms(struct shell *s)
     const struct experiment *e = &s->d->experiment;
     struct apc_error why;
     if (e->n_alarms == 0)
-        return daemon_error(s->d, APC_EINVAL, "%s has no alarms: nothing is to be evaluated", e->file);
+        return daemon_error(s->d, APC_EINVAL,
+                            "%s has no alarms: give a signal of it \"alarms\", or do not start apc-alarms",
+                            e->file);
     int rc = module_alarms(e, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);

@@ -454,7 +454,7 @@ static int password(struct broker *b, const struct mqtt_options *o, struct apc_e
         if (in)
             fclose(in);
         if (!well)
-            return apc_fail(why, APC_EINVAL, "--password-file %s: holds no line that can be read",
+            return apc_fail(why, APC_EINVAL, "--password-file %s: expected the password as its first line",
                             o->password_file);
         text[strcspn(text, "\r\n")] = '\0';
     }
@@ -488,7 +488,9 @@ static int prepare_mosquitto(struct broker *b, const struct mqtt_options *o, str
         return rc;
     snprintf(topic, sizeof topic, "%s/status", b->prefix);
     if (mosquitto_will_set(b->m, topic, sizeof farewell - 1, farewell, QUALITY, true) != MOSQ_ERR_SUCCESS)
-        return apc_fail(why, APC_EINVAL, "--topic \"%s\": is no topic", b->prefix);
+        return apc_fail(why, APC_EINVAL,
+                        "--topic \"%s\": expected the beginning of a topic, as works/line1, without + and #",
+                        b->prefix);
     mosquitto_threaded_set(b->m, true);
     mosquitto_max_inflight_messages_set(b->m, BROKER_BATCH);
     mosquitto_connect_v5_callback_set(b->m, on_connect);

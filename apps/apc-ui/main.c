@@ -35,7 +35,7 @@ static void take_server_name(void *to, char *arg, const struct argp_state *state
 {
     struct options *o = to;
     if (o->names + 1 >= sizeof o->ui.names / sizeof *o->ui.names)
-        argp_error(state, "--name: too many");
+        argp_error(state, "--name: more than fit: leave some out");
     o->ui.names[o->names++] = arg;
 }
 

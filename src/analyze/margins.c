@@ -421,7 +421,9 @@ static int find_margins(const struct apc_loop *loop, size_t of, const double *sc
     int rc;
 
     if (of != APC_LOOP_WHOLE && of >= loop->n_out)
-        return apc_fail(why, APC_EINVAL, "margins: output %zu of %zu", of + 1, loop->n_out);
+        return apc_fail(why, APC_EINVAL,
+                        "margins: there is no output %zu: they count from 0, and there are %zu", of + 1,
+                        loop->n_out);
     rc = machine_create(&nominal, loop, &schedule, why);
     t.factor = calloc(loop->n_out, sizeof(*t.factor));
     t.delay = calloc(loop->n_out, sizeof(*t.delay));

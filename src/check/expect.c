@@ -366,7 +366,7 @@ static void read_settling(struct expectation_text *t, struct expectation *x)
     x->number = t->rc == 0 ? take_number(t, "a number", unit) : 0;
     x->percent = !strcmp(unit, "%") || take_word(t, "%");
     if (t->rc == 0 && (!(x->number > 0) || (*unit && !x->percent)))
-        refuse_words(t, "settles within what? Expected a number above 0 in the unit of %s, or in %%",
+        refuse_words(t, "expected a number above 0 behind \"within\", in the unit of %s or in %%",
                      y->tag.name);
     need_word(t, "in");
     x->time = take_time(t);

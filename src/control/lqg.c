@@ -143,7 +143,7 @@ static int all_positive(const char *name, const double *v, size_t n, struct apc_
 {
     for (size_t i = 0; i < n; i++) {
         if (!(v[i] > 0.0))
-            return apc_fail(why, APC_EINVAL, "setting \"%s\": none may be 0", name);
+            return apc_fail(why, APC_EINVAL, "setting \"%s\": each must be above 0", name);
     }
     return 0;
 }

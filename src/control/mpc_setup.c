@@ -299,7 +299,7 @@ static int take_deviations(const struct apc_law_setup *setup, const char *name,
     rc = apc_setting_amounts(setup, name, n, to, why);
     for (size_t i = 0; i < n && rc == 0; i++) {
         if (!(to[i] > 0.0))
-            rc = apc_fail(why, APC_EINVAL, "setting \"%s\": none may be 0", name);
+            rc = apc_fail(why, APC_EINVAL, "setting \"%s\": each must be above 0", name);
     }
     return rc;
 }

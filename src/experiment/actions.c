@@ -139,7 +139,7 @@ int action_find_promotion(const struct experiment *e, const char *name, struct a
                         nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
                         nearest.name ? "\"?" : "");
     if (!c->acting)
-        return apc_fail(why, APC_EINVAL, "%s is not in shadow, and nobody is in its: it acts already", name);
+        return apc_fail(why, APC_EINVAL, "%s acts already: no other controller has its outputs", name);
     action->to = (struct apc_sample){.table = APC_OPMODE, .id = c->acting, .value = c->number};
     action->n = 1;
     return 0;
@@ -355,7 +355,7 @@ static void read_promotion(struct settings *s, const config_setting_t *group, co
 {
     struct apc_error why;
     if (config_setting_get_member(group, "value"))
-        settings_fail(s, group, "who is promoted has no \"value\"");
+        settings_fail(s, group, "\"promote\" takes no \"value\": leave it out");
     else if (!s->failed && action_find_promotion(e, name, action, &why) < 0)
         settings_fail(s, group, "%s", why.text);
 }
@@ -365,7 +365,7 @@ static void read_action_owner(struct settings *s, const config_setting_t *group,
 {
     struct apc_error why;
     if (config_setting_get_member(group, "value"))
-        settings_fail(s, group, "whose a setpoint is has no \"value\"");
+        settings_fail(s, group, "\"local\" and \"remote\" take no \"value\": leave it out");
     else if (!s->failed && action_find_owner(e, name, remote, action, &why) < 0)
         settings_fail(s, group, "%s", why.text);
 }
@@ -376,7 +376,7 @@ static void read_life(struct settings *s, const config_setting_t *group, const c
     struct nearest nearest = {.wanted = name};
     const struct controller *c = find_action_controller(e, name, &nearest);
     if (config_setting_get_member(group, "value"))
-        settings_fail(s, group, "who is killed or started has no \"value\"");
+        settings_fail(s, group, "\"kill\" and \"start\" take no \"value\": leave it out");
     else if (!c)
         settings_fail(s, group, "there is no controller \"%s\"%s%s%s", name,
                       nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
@@ -393,7 +393,7 @@ static void read_ack(struct settings *s, const config_setting_t *group, const ch
     while (i < e->n_alarms && strcmp(e->alarm[i].name, name) != 0)
         nearest_look(&nearest, e->alarm[i++].name);
     if (config_setting_get_member(group, "value"))
-        settings_fail(s, group, "who acknowledges an alarm gives no \"value\"");
+        settings_fail(s, group, "\"ack\" takes no \"value\": leave it out");
     else if (i == e->n_alarms)
         settings_fail(s, group, "there is no alarm \"%s\"%s%s%s", name,
                       nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",

@@ -259,7 +259,9 @@ static void check_owned(struct settings *s, const config_setting_t *list, const 
 {
     for (size_t i = 0; i < e->dim.nu && !s->failed; i++)
         if (!owner_of_wire(e, (struct wire){APC_ACTUATOR, i}))
-            settings_fail(s, list, "output \"%s\" belongs to no controller", e->u[i].tag.name);
+            settings_fail(s, list,
+                          "output \"%s\" belongs to no controller: name it in the \"outputs\" of one",
+                          e->u[i].tag.name);
     for (size_t i = e->dim.ny; i < e->dim.ny + e->n_signals && !s->failed; i++)
         if (!owner_of_wire(e, (struct wire){APC_SENSOR, i}))
             settings_fail(s, list, "signal \"%s\" is no controller's output: nobody would calculate it",
@@ -603,11 +605,11 @@ static void read_name(struct settings *s, const config_setting_t *group, const s
                       "\"name\" of a controller has no dot: \"%s\"", c->name);
     if (look_up(signals, 3, c->name, &taken, &nearest))
         settings_fail(s, config_setting_get_member(group, "name"),
-                      "a controller and a signal are called \"%s\"", c->name);
+                      "a controller and a signal are called \"%s\": give one of them another name", c->name);
     for (const struct controller *other = e->controllers; other < c && !s->failed; other++)
         if (!strcmp(other->name, c->name))
-            settings_fail(s, config_setting_get_member(group, "name"), "two controllers are called \"%s\"",
-                          c->name);
+            settings_fail(s, config_setting_get_member(group, "name"),
+                          "two controllers are called \"%s\": give each a name of its own", c->name);
 }
 
 static void read_controllers_list(struct settings *s, const config_setting_t *list, struct experiment *e)

@@ -266,7 +266,8 @@ static void check_kinds(struct settings *s, const struct owner *o, size_t first)
             const struct apc_alarm *a = &e->alarm[k].is, *b = &e->alarm[i].is;
             const struct apc_alarm *low = a->kind < b->kind ? a : b, *high = a->kind < b->kind ? b : a;
             if (a->kind == b->kind && !config_setting_get_member(o->group[i], "name"))
-                settings_fail(s, o->group[i], "%s has two alarms of this kind", o->name);
+                settings_fail(s, o->group[i], "%s has two alarms of this kind: a signal takes one of each",
+                              o->name);
             else if (is_level(low->kind) && is_level(high->kind) && a->kind != b->kind &&
                      low->limit >= high->limit)
                 settings_fail(
@@ -386,7 +387,9 @@ static void check_rings(struct settings *s, const struct owner *o)
         int at = e->alarm[i].is.suppression.alarm;
         for (size_t n = 0; at > 0 && n < e->n_alarms && !s->failed; n++) {
             if ((size_t)at == i + 1)
-                settings_fail(s, o->group[i], "%s is suppressed by itself", e->alarm[i].name);
+                settings_fail(s, o->group[i],
+                              "alarm %s would suppress itself: name another signal or alarm in \"suppress\"",
+                              e->alarm[i].name);
             at = e->alarm[at - 1].is.suppression.alarm;
         }
     }
@@ -475,7 +478,7 @@ static void read_notices(struct settings *s, const config_setting_t *of, struct 
         notice->details = true;
         settings_flag(s, group, "details", &notice->details);
         if (!s->failed && notice->command[0] == '\0')
-            settings_fail(s, group, "\"command\" is empty");
+            settings_fail(s, group, "\"command\" is empty: expected a program and its arguments");
         notice->priority = (int)priority;
         (void)apc_ns_from_s(timeout, &notice->timeout);
         (void)apc_ns_from_s(after, &notice->after);

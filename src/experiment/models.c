@@ -187,7 +187,7 @@ static void read_outages(struct settings *s, const config_setting_t *group, stru
         const config_setting_t *one = config_setting_get_elem(list, (unsigned)i);
         settings_numbers(s, one, 2, window);
         if (!s->failed && add_outage(n, window[0], window[1]) < 0)
-            settings_fail(s, one, "an outage is [from, until] in seconds");
+            settings_fail(s, one, "\"outage\" must hold [from, until] in seconds, from before until");
     }
 }
 

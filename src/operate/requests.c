@@ -193,7 +193,8 @@ static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
     if (ahead > most_ahead)
         return note_outcome(l, "refused: it comes from %.1f s ahead: a clock is wrong", apc_ns_to_s(ahead));
     if (l->mark->seq > 0 && l->mark->time >= q->time)
-        return note_outcome(l, "refused: later ones have been done, and whether this one was is not known");
+        return note_outcome(l, "refused: later requests were carried out, and whether this one was is not "
+                               "known: look at the value, then ask again");
     return false;
 }
 
@@ -202,7 +203,8 @@ static bool is_wrong(const struct requests *r, struct look *l)
     const struct apc_request *q = l->request;
     int rc = l->known ? 0 : l->why.err;
     if (q->table == APC_OPMODE && q->variable >= REQUESTS_OF_HISTORY)
-        return note_outcome(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
+        return note_outcome(l, "refused: %s %d is written by programs only", apc_table_name(q->table),
+                            q->variable);
     if (rc == 0)
         rc = change_reason(q->reason, &l->why);
     if (rc == 0)

@@ -178,7 +178,7 @@ static int check_taken(const struct taking *t, const struct taken *of, struct ch
     const bool switches = loops_is_owner(&of->was);
     if (of->now.id == 0)
         return change_fail(why, APC_ENOTFOUND, "variable",
-                           "%.60s, which there was as of %s, is not there any more", name, t->time);
+                           "%.60s was described as of %s, and is not any more: leave it out", name, t->time);
     if (of->was.seq == 0 && of->now.seq > 0 && !switches)
         return change_fail(why, APC_ENOTFOUND, "value", "%.60s has no value on record as of %s", name,
                            t->time);

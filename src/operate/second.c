@@ -145,7 +145,8 @@ int operation_ask(struct operation *o, struct apc_store *store, uint32_t author,
         return rc;
     if (author == 0)
         return change_fail(why, APC_EPERM, "second",
-                           "%.60s takes two persons, and who asks for it is not known", first->to.name);
+                           "%.60s takes two persons, and who asks for it is not known: log in first",
+                           first->to.name);
     rc = put_asked(o, store, author);
     if (rc == APC_ECONFLICT)
         return change_fail(why, APC_EPERM, "second",

@@ -339,7 +339,7 @@ static bool check_alarm_now(struct request *r, const struct alarm_summary *board
     struct apc_error why;
     if (!alarm_summary_lives(board, o->write.time))
         return fault_set(&r->fault, 409, "alarm", NULL,
-                         "alarms are not evaluated: nobody would take it, and nothing was written");
+                         "apc-alarms does not run, so nobody would take it: nothing was written");
     if (o->seq > now->row->seq || (o->which != APC_ALARM_ACK && o->seq < now->row->seq))
         return stale(r, now, alarm);
     if (shelves && !alarm_summary_may_shelve(board, now, o->value, o->write.time, &why))
@@ -394,7 +394,8 @@ static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm
     rc = apc_store_swap(store, after, 1);
     const bool unknown = rc == APC_ECONN || rc == APC_ETIMEDOUT;
     if (rc == APC_ECONFLICT)
-        fault_set(&r->fault, 409, "stale", NULL, "%s: somebody else was faster: look again", r->name);
+        fault_set(&r->fault, 409, "stale", NULL,
+                  "%s: somebody else was faster, and nothing was written: look again", r->name);
     else if (unknown)
         fault_set(&r->fault, 504, "unknown", NULL,
                   "the database did not answer: whether it was written is not known");

@@ -136,7 +136,8 @@ static bool request_confirmed(struct request *r, const json_t *body, bool *confi
 static bool is_first(struct request *r, int rc, struct apc_store *store)
 {
     if (rc == APC_EBUSY)
-        return fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
+        return fault_set(&r->fault, 503, "busy", "key",
+                         "this very write is under way already: ask what becomes of it");
     if (rc == APC_ECONFLICT)
         return fault_set(&r->fault, 422, "value", "key",
                          "another write had this \"key\": nothing was written; each takes a new one");

@@ -177,7 +177,8 @@ bool authorize_request(struct ui *ui, struct request *r, const char *method)
         r->fault = (struct fault){0}; /* anyone may ask */
     }
     if (!route)
-        return fault_set(&r->fault, 404, "path", NULL, "there is nothing here");
+        return fault_set(&r->fault, 404, "path", NULL,
+                         "there is no such address here: docs/http-api.md lists them");
     if (strcmp(method, route->method) != 0 && !(!strcmp(method, "HEAD") && !strcmp(route->method, "GET")))
         return fault_set(&r->fault, 405, "method", NULL, "%s takes %s only", route->path, r->methods);
     if (r->session.role < route->role) {

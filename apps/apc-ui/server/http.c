@@ -208,7 +208,8 @@ static enum MHD_Result answer_file(struct exchange *x, const char *path)
                       "(scripts/setup "
                       "&& scripts/build); the API works");
         else
-            fault_set(&x->r.fault, 404, "path", NULL, "there is nothing here");
+            fault_set(&x->r.fault, 404, "path", NULL,
+                      "there is no such address here: docs/http-api.md lists them");
         return answer_http(x);
     }
     bool same = known && strstr(known, file->etag), zipped = file->zipped && request_takes_zip(&x->r);

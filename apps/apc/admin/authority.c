@@ -57,8 +57,8 @@ static int check_authority_request(const struct authority_request *r, struct apc
         return apc_fail(why, APC_EINVAL, "\"authority\" is the authority's own name: take another");
     if (r->role == ROLE_PLANT && !r->n_hosts)
         return apc_fail(why, APC_EINVAL,
-                        "a plant is known to its clients by where it is: give its name or address, as in "
-                        "tls:HOST:PORT");
+                        "a plant's certificate names its hosts: give its host name or address by --host, as "
+                        "in tls:HOST:PORT");
     return 0;
 }
 

@@ -78,12 +78,12 @@ static int make_certificate(const struct cli *cli, const struct options *o, enum
                                     : authority_issue(o->folder, &request, &why);
 
     if (rc < 0)
-        return cli_error(cli, rc, "%s%s", why.text,
-                         rc != APC_EBUSY ? ""
-                         : role == ROLE_AUTHORITY
-                             ? "; what it vouches for would be worth nothing: take another "
-                               "folder, or remove it"
-                             : "; --replace renews it");
+        return cli_error(
+            cli, rc, "%s%s", why.text,
+            rc != APC_EBUSY ? ""
+            : role == ROLE_AUTHORITY
+                ? "; the certificates it has signed would be worth nothing: take another folder, or remove it"
+                : "; --replace renews it");
     printf("%s/%s.pem made, good for %ld day%s\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
            days, PLURAL(days));
     return EXIT_OK;
@@ -152,7 +152,7 @@ int command_cert(int argc, char **argv)
     const bool plant = !strcmp(what, "plant");
 
     if (!plant && o.n_hosts)
-        return cli_usage(&cli, "--host is of a plant");
+        return cli_usage(&cli, "--host goes with a plant: apc cert plant NAME --host HOST");
     if (!strcmp(what, "list") && !name)
         return list_certificates(&cli, &o);
     if (!strcmp(what, "authority") && !o.replace)

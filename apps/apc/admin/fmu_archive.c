@@ -176,7 +176,7 @@ static int find_controller_library(char path[PATH_MAX_B], struct apc_error *why)
     static const char below[] = "/apc/apc-fmu-controller.so";
     char *const slash = find_library("apc_version", path) ? strrchr(path, '/') : NULL;
     if (!slash || (size_t)(slash - path) + sizeof below > PATH_MAX_B)
-        return apc_fail(why, APC_ESYS, "where libapc is cannot be found out");
+        return apc_fail(why, APC_ESYS, "the file of libapc, which goes into the FMU, cannot be found");
     memcpy(slash, below, sizeof below);
     return 0;
 }

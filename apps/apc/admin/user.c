@@ -80,7 +80,7 @@ static int add_user(const struct cli *cli, const struct options *o, const char *
                          PASSWORD_MAX);
     if (isatty(STDIN_FILENO) &&
         (!ask_password("Once more: ", again, sizeof again) || strcmp(password, again) != 0))
-        return cli_error(cli, APC_EINVAL, "the two are not the same");
+        return cli_error(cli, APC_EINVAL, "the two passwords differ: nothing was written; start again");
     int rc = users_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, password, &why);
     explicit_bzero(password, sizeof password);
     explicit_bzero(again, sizeof again);
@@ -147,7 +147,7 @@ int command_user(int argc, char **argv)
         return cli_usage(&cli, "\"%s%s%s\": must be list, add NAME, remove NAME, token NAME or revoke NAME",
                          what, name ? " " : "", name ? name : "");
     if (o.days > 0 && !making)
-        return cli_usage(&cli, "--days is of a token: apc user token NAME --days N");
+        return cli_usage(&cli, "--days goes with a token: apc user token NAME --days N");
     if (!users_path(o.file, path))
         return cli_error(&cli, APC_EINVAL, "there is no home folder: give --users FILE");
     tokens_path(path, tokens);

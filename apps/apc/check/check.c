@@ -213,7 +213,7 @@ int command_check(int argc, char **argv)
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
     const struct check_report report = {&c.cli, c.options.report, c.options.force};
     int code = c.options.format == CHECK_FORMAT_HTML && c.cli.n_args > 1
-                   ? cli_usage(&c.cli, "--format html: a page is of one scenario")
+                   ? cli_usage(&c.cli, "--format html: a page shows one scenario: give one")
                    : load_scenarios(&c);
     if (code == EXIT_OK) {
         int rc = run_scenarios(&c, &why);

@@ -572,9 +572,9 @@ static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double 
     s->options.all = s->options.all && which == APC_ALARM_ACK;
     if (!s->cli.no_wait && !alarm_summary_lives(&s->summary, s->now)) {
         say_life(s);
-        return cli_error(&s->cli, APC_EPERM,
-                         "nobody would take it. Nothing was written; --no-wait writes it "
-                         "all the same");
+        return cli_error(
+            &s->cli, APC_EPERM,
+            "apc-alarms would not take it now. Nothing was written; --no-wait writes it all the same");
     }
     return each(s, which, value);
 }
@@ -599,7 +599,7 @@ static int check_request(struct session *s)
     if (k < 2 && s->cli.n_args > 1)
         return cli_usage(&s->cli, "%s takes no names: leave them out", what);
     if (s->options.at && k != 0)
-        return cli_usage(&s->cli, "--at is of list only");
+        return cli_usage(&s->cli, "--at goes with apc alarm list");
     if (k >= 3 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))
         return cli_usage(&s->cli, "%s wants the name of an alarm", what);
     if (!strcmp(what, "shelve") && !s->options.for_)

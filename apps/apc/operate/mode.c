@@ -344,8 +344,9 @@ static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant,
     else if (loops_scheduled(&plant->loops, id))
         g->setpoint[g->n++] = id;
     else
-        return cli_error(cli, APC_EPERM, "%s: neither a controller nor the scheduler moves it: it is yours",
-                         name);
+        return cli_error(
+            cli, APC_EPERM,
+            "%s: neither a controller nor the scheduler moves it: there is nobody to give it back to", name);
     return EXIT_OK;
 }
 

@@ -144,8 +144,9 @@ int operate_ready(const struct cli *cli, struct apc_store *store, struct operati
         return cli_error(cli, still, "%s", ended.text);
     if (rc >= 0)
         return EXIT_OK;
-    return strcmp(why.code, "nobody") == 0 ? cli_error(cli, rc, "%s; --no-wait does in any case", why.text)
-                                           : cli_store_error(cli, rc, store);
+    return strcmp(why.code, "nobody") == 0
+               ? cli_error(cli, rc, "%s; --no-wait writes it all the same", why.text)
+               : cli_store_error(cli, rc, store);
 }
 
 /* What there is to say of change @p i, under this name. */

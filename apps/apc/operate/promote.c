@@ -66,16 +66,15 @@ static int find_switch(struct promotion *p, const struct cli_tags *tags)
     const struct loops_controller *two = takes_two_persons(p);
     int id = 0;
     if (two)
-        return cli_error(
-            p->cli, APC_EPERM,
-            "%s takes two persons, and one alone promotes: let the experiment file say who is in "
-            "shadow",
-            two->name);
+        return cli_error(p->cli, APC_EPERM,
+                         "%s takes two persons, and apc promote asks no second one: change \"shadow\" in the "
+                         "experiment file",
+                         two->name);
     for (size_t i = 0; i < p->to->n && !id; i++)
         if (first[i].table && cli_tag(tags, APC_OPMODE, LOOPS_ACTING(first[i].table, first[i].output)))
             id = LOOPS_ACTING(first[i].table, first[i].output);
     if (!id)
-        return cli_error(p->cli, APC_EPERM, "%s is not in shadow, and nobody is in its: it acts already",
+        return cli_error(p->cli, APC_EPERM, "%s acts already: no other controller has its outputs",
                          p->to->name);
     p->row[CHOICE] = (struct apc_sample){.table = APC_OPMODE, .id = id};
     p->row[TARGET] = (struct apc_sample){.table = APC_OPMODE, .id = first->id};
@@ -108,10 +107,10 @@ static int await_tick(struct promotion *p, apc_ns patience)
     int rc = EXIT_OK;
     while (rc == EXIT_OK && p->tick.seq == seen) {
         if (apc_clock_mono(NULL) > until)
-            return cli_error(p->cli, APC_EPERM,
-                             "%s does not tick: nobody would act. Nothing was written; --no-wait does in any "
-                             "case",
-                             p->to->name);
+            return cli_error(
+                p->cli, APC_EPERM,
+                "%s does not tick: nobody would act. Nothing was written; --no-wait writes it all the same",
+                p->to->name);
         nanosleep(&(struct timespec){.tv_nsec = 20 * APC_NS_PER_MS}, NULL);
         rc = look_at_promotion(p);
     }

@@ -441,9 +441,9 @@ int command_status(int argc, char **argv)
     cli_parse(&cli, &spec, &options, argc, argv);
     const char *dir = options.at ? NULL : options.spools;
     if (options.all && options.at)
-        return cli_usage(&cli, "--at is of one plant, and --all of all");
+        return cli_usage(&cli, "--at shows one plant: leave --all out");
     if (cli.format == CLI_CSV)
-        return cli_usage(&cli, "a status is no table: there is --json");
+        return cli_usage(&cli, "--csv: a status is no table: take --json");
     if (options.all)
         return all_plants_show(&cli);
     store_name(cli.store, status.store, sizeof status.store);

@@ -37,7 +37,7 @@ static void check_run_options(void *input, const struct argp_state *state)
     if (o->from > 0 && !o->pace)
         argp_error(state, "--from: what was in real time does not come again: expected with --speed");
     if (o->spin && o->timer && !strcmp(o->timer, "posix"))
-        argp_error(state, "--spin: the executive posix cannot spin");
+        argp_error(state, "--spin: the executive posix cannot spin: take --timer deadline");
 }
 
 static const char *const timers[] = {"deadline", "posix", NULL};

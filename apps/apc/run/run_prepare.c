@@ -193,7 +193,8 @@ int run_join_stores(struct run *r)
     const bool relative =
         !strncmp(history, "sqlite:", strlen("sqlite:")) && history[strlen("sqlite:")] != '/';
     if (relative && !getcwd(here, sizeof here))
-        return cli_error(&r->cli, APC_ESYS, "the current folder: %s", strerror(errno)), APC_ESYS;
+        return cli_error(&r->cli, APC_ESYS, "the current folder cannot be found: %s", strerror(errno)),
+               APC_ESYS;
     const size_t live = strcspn(r->cli.store, "?");
     if (asprintf(&r->both, "%.*s+%s%s%s%s", (int)live, r->cli.store, relative ? "sqlite:" : "", here,
                  relative ? "/" : "", relative ? history + strlen("sqlite:") : history) < 0) {

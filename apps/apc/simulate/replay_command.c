@@ -754,7 +754,7 @@ int command_replay(int argc, char **argv)
     c.options.overrides.set = c.options.set.at;
     c.options.overrides.n_set = c.options.set.n;
     if (c.cli.n_args > 0 && c.cli.store_given)
-        return cli_usage(&c.cli, "runs and stores, %s, or --store: one of them", c.cli.args[0]);
+        return cli_usage(&c.cli, "expected either runs and stores, %s, or --store", c.cli.args[0]);
     if (is_season(&c) && c.options.virtually)
         return cli_usage(&c.cli, "--virtual: of a run folder");
     if (c.options.figure && c.cli.n_args > 1)

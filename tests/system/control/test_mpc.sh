@@ -51,7 +51,7 @@ assert all(len(e["expected"]) == len(e["came"]) == 30 and e["step_s"] == 0.5 and
 assert of["y1"]["first_s"] == 0.5 and of["v1"]["first_s"] == 0 and of["v1"]["came"][0] is not None' "$at" || fail "report --at --json is no JSON, or not whole"
 expect 0 '^v1 +0 ' "$apc" report --at "-$(sql 'SELECT 1 + ceil(extract(epoch FROM now() - max(time))) FROM apc.prediction')s"
 expect 1 'nothing was expected' "$apc" report "$work/run" --at 100000
-expect 2 'without --from and --to' "$apc" report "$work/run" --at 1 --from 1
+expect 2 'leave --from and --to out' "$apc" report "$work/run" --at 1 --from 1
 "$apc" report "$work/run" --json | python3 -c 'import json, sys; m = json.load(sys.stdin)["kpis"]; assert len(m["loops"]) == 2 and len(m["plans"]) == 4' ||
   fail "report --json is no JSON, or not whole"
 # Every one of its figures, from the files alone: with a pump in Man, limits met, and a sensor that fails.

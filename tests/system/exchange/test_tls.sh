@@ -15,13 +15,13 @@ certs() { "$apc" cert "$@" --dir "$work/certs"; }
 # what people may type wrongly, and what they are told
 expect 1 'no authority in .*`apc cert authority` makes one' "$apc" cert client me --dir "$work/certs"
 certs authority our-works
-expect 4 'there already; what it vouches for would be worth nothing' certs authority
+expect 4 'there already; the certificates it has signed would be worth nothing' certs authority
 expect 2 'never replaced' certs authority --replace
-expect 1 'give its name or address' certs plant plant
+expect 1 'give its host name or address by --host' certs plant plant
 expect 1 'neither an address nor a host name' certs plant plant --host 'a,IP:10.0.0.1'
 expect 1 'is no name' certs client ../me
 expect 2 '1 to 36500' certs client me --days 0
-expect 2 'host is of a plant' certs client me --host here
+expect 2 'host goes with a plant' certs client me --host here
 expect 2 'must be authority' certs me
 certs plant plant --host 127.0.0.1 --host localhost
 certs client client

@@ -327,8 +327,12 @@ near "the effort beside 30 of the PI" "$(awk '$2 == "all" { print $(NF - 1) }' h
 
 "$apc" identify heater --model transfer --suggest >suggest.txt
 diff <(sed -n '/^SIMC for/,/^\.\.\.$/p' "$document" | sed '$d') <(sed -n '/^SIMC for/,/^$/p' suggest.txt | sed '$d') || fail "docs/tuning.md shows another tuning"
+# of a controller that ticks twice as often
+"$apc" simulate heater.conf --set controller.period=0.5 --report quick >/dev/null
+"$apc" identify quick --model transfer --suggest >suggest.txt
+grep -q "^SIMC .*the record's controller of 0.5 s" suggest.txt || fail "another period: $(cat suggest.txt)"
 read -r Kp tau_i < <(awk '$3 == "PI" { print $4, $5 }' suggest.txt)
-sed "s/law = \"pi\"; period = 1.0; tuning = .*/law = \"pid\"; period = 1.0; tuning = ( { Kp = $Kp; tau_i = $tau_i; } ); };/" heater.conf >suggested.conf
+sed "s/law = \"pi\"; period = 1.0; tuning = .*/law = \"pid\"; period = 0.5; tuning = ( { Kp = $Kp; tau_i = $tau_i; } ); };/" heater.conf >suggested.conf
 grep -q "Kp = 0.0" suggested.conf || fail "the tuning is not in its place"
 iae() { "$apc" simulate "$1" | awk '$2 == "all" { print $3 }'; }
 awk -v new="$(iae suggested.conf)" -v old="$(iae heater.conf)" 'BEGIN { exit !(new > 0 && new < 0.95 * old) }' ||

@@ -109,10 +109,10 @@ no() { # CODE PATTERN ARGUMENT...
 }
 no 2 'must be prbs, steps, multisine or relay' --signal sinus
 no 2 'expected LOW..HIGH in Hz' --band 1
-no 2 '--band is that of prbs and multisine' --band 0.01..0.1 --signal steps
+no 2 '--band goes with --signal prbs or multisine' --band 0.01..0.1 --signal steps
 no 2 'expected NAME=LOW..HIGH' --guard y=3
 no 2 '--amplitude "0": must be a number' --amplitude 0
-no 2 'are of a simulated plant' --live --seed 3
+no 2 'they change a simulated plant' --live --seed 3
 expect 2 'FILE is missing' "$apc" test
 expect 1 'the store is not that of a run folder' "$apc" test --live --store "sqlite:$work/any.db"
 no 1 'there is no "v" to be set' --move v

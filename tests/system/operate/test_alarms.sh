@@ -319,6 +319,6 @@ for table in sensor actuator setpoint dim opmode tuning manual actual estimate a
 done >"$work/database.rows"
 sql "SELECT concat_ws(',', 'author', number, name) FROM apc.author" >>"$work/database.rows"
 as_it_was "$APC_STORE" "$work/database.rows" 60
-expect 2 'at is of list only' "$apc" alarm journal --at 1h
+expect 2 'at goes with apc alarm list' "$apc" alarm journal --at 1h
 expect 2 'must be a time' "$apc" get --at yesterday
-expect 2 'of one plant' "$apc" status --all --at 1h
+expect 2 'at shows one plant' "$apc" status --all --at 1h

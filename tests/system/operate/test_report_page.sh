@@ -88,7 +88,7 @@ grep -q '<b>1 rows are left out</b>: there are 10001' "$work/many.html" || fail 
 expect 2 'must be a day from 1970 to 2259, as 2026-01-31' "$apc" report --day 2026-13-01 --html -
 expect 2 'a day from 1970 to 2259' "$apc" report --day 2300-01-01 --html -
 expect 2 'there is no such day' "$apc" report --day 2026-02-30 --html -
-expect 2 'without --from, --to and --at' "$apc" report --day today --from -1h
+expect 2 'leave --from, --to and --at out' "$apc" report --day today --from -1h
 expect 2 'the window is empty' "$apc" report --from 2099-01-01 --html -
 expect 2 'a run folder or --store, not both' "$apc" report "$work/run" --store sqlite:other --html -
 expect 1 'cannot be written' "$apc" report --day 2025-05-01 --html "$work/none/page.html"

@@ -370,7 +370,7 @@ for who in joanna anna anna; do grep ',operator,' "$work/alarmed/events.csv" | h
 expect 1 "operated by $(id -un), joanna, anna; 8 s" "$apc" check "$work/exam.scenario" --session "$work/alarmed"
 grep -q '<h1>Training record First-order process' "$work/record.html" || fail "no record: $(cat "$work/record.html")"
 grep -q '<tr><td>set r</td><td[^>]*>4</td><td[^>]*>2</td></tr>' "$work/record.html" || fail "nothing of the right action: $(cat "$work/record.html")"
-expect 2 'a page is of one scenario' "$apc" check --format html "$work/exam.scenario" "$work/exam.scenario"
+expect 2 'a page shows one scenario' "$apc" check --format html "$work/exam.scenario" "$work/exam.scenario"
 # Without --session it is the operator of the scenario who acts; a scenario may be of a session alone.
 expect 0 'held    operator acknowledges within 1.5 s' "$apc" check "$work/exam.scenario"
 sed 's/alarmed.conf/alarmed/' "$work/exam.scenario" >"$work/own.scenario"

@@ -42,7 +42,7 @@ refused 1 'no tick before it is on record' layers v1@0.05
 refused 2 'must be seconds since the start' layers v1@noon
 refused 2 '"10s" must be seconds since the start of the run, as v1@10,' layers v1@10s
 refused 2 'expected OUTPUT' layers @3
-refused 2 'a run folder, layers, or --store: one of them' layers v1@703 --store sqlite:layers/ticks.db
+refused 2 'either a run folder, layers, or --store' layers v1@703 --store sqlite:layers/ticks.db
 refused 1 'none: there is no such file or folder' none v1@3
 # Promise(simulation/why-output-moved)
 cp -r layers damaged
@@ -239,7 +239,7 @@ expect 0 '^controller: ([0-9]+) of \1 ticks' "$apc" replay "sqlite:$work/packed.
 "$apc" maintain --store "sqlite:$work/pruned.db" --keep 1s --keep-ticks 1d >/dev/null
 expect 0 'cannot be replayed: the record lacks rows. The first: .* seq [0-9]+ is not on record' "$apc" replay "sqlite:$work/pruned.db"
 expect 1 'altered.db$' "$apc" replay other "sqlite:$work/altered.db"
-expect 2 'one of them' "$apc" replay other --store "$database"
+expect 2 'expected either runs and stores' "$apc" replay other --store "$database"
 expect 2 'goes without --jobs' "$apc" replay other --csv - --jobs 2
 expect 1 'nowhere: there is no such file or folder' "$apc" replay other nowhere
 

@@ -35,7 +35,7 @@ for days in 0 -1 3651 1e3 '' 9223372036854775807 99999999999999999999; do
   # Promise(server/token-ended-opens)
   expect 2 'a whole number from 1 to 3650' "$apc" user token eve --days "$days" --users "$work/users"
 done
-expect 2 'is of a token' "$apc" user add eve --days 3 --users "$work/users"
+expect 2 'goes with a token' "$apc" user add eve --days 3 --users "$work/users"
 expect 1 'is a user already' "$apc" user token anna --users "$work/users"
 printf 'operator123\n' | expect 1 'is a token already' "$apc" user add grafana --users "$work/users"
 expect 1 'no "nobody"' "$apc" user revoke nobody --users "$work/users"

@@ -271,8 +271,8 @@ static void test_a_parameter_that_is_gone_is_named(void **state)
     describe("50.0", "pi", "");
     wrote("u.Kp", CHANGE_TUNING, 0.7);
     assert_string_equal(take(at, NULL), "variable");
-    assert_non_null(strstr(why.text, ", which there was as of "));
-    assert_non_null(strstr(why.text, " is not there any more"));
+    assert_non_null(strstr(why.text, " was described as of "));
+    assert_non_null(strstr(why.text, ", and is not any more: leave it out"));
     assert_string_equal(take(at, "u.Kp"), "");
     assert_true(taken.n == 1 && is_of("u.Kp", 0.7, 0.2));
 }

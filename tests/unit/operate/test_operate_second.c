@@ -132,7 +132,7 @@ static void nobody_approves_what_he_has_asked_for(void **state)
     assert_string_equal(answers("anna", "setpoint.2", false, &why), "second");
     assert_string_equal(why.text, "anna has asked for it, so somebody else has to approve it: w waits");
     assert_string_equal(writes_at(0, "", "u.Kp", CHANGE_TUNING, 0.3, 0, &why), "second");
-    assert_string_equal(why.text, "u.Kp takes two persons, and who asks for it is not known");
+    assert_string_equal(why.text, "u.Kp takes two persons, and who asks for it is not known: log in first");
     assert_near(w(), 5, 0);
     assert_int_equal(waits(), 1);
 }

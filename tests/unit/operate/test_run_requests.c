@@ -206,8 +206,8 @@ static void what_makes_no_sense_is_refused_with_its_reason(void **state)
         {APC_OPMODE, 0, 0.5, "refused: 0.5 is no mode"},
         {APC_OPMODE, LOOP_R, APC_MODE_CAS,
          "refused: upper.r cannot be in Cas: no controller moves its setpoint"},
-        {APC_OPMODE, REQUESTS_OF_HISTORY, 1, "is not for people"},
-        {APC_OPMODE, REQUESTS_OF_BROKER + 3, 1, "is not for people"},
+        {APC_OPMODE, REQUESTS_OF_HISTORY, 1, "is written by programs only"},
+        {APC_OPMODE, REQUESTS_OF_BROKER + 3, 1, "is written by programs only"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -439,10 +439,12 @@ static void as_many_of_one_time_as_there_are_marks_are_done_each_once(void **sta
     }
     /* that of which nobody can say whether it was */
     asked.id = 7;
-    assert_refused("refused: later ones have been done, and whether this one was is not known");
+    assert_refused("refused: later requests were carried out, and whether this one was is not known: look at "
+                   "the value, then ask again");
     asked.id = 8;
     asked.time -= S;
-    assert_refused("refused: later ones have been done, and whether this one was is not known");
+    assert_refused("refused: later requests were carried out, and whether this one was is not known: look at "
+                   "the value, then ask again");
     asked.time += S + APC_NS_PER_US;
     (void)assert_written();
 }

@@ -130,7 +130,7 @@ static void what_makes_no_sense_is_refused(void **state)
     } bad[] = {
         {HEAD "controllers = ( " TRIAL ", " FIRST " );", "trial is to be in shadow: its outputs must be all"},
         {HEAD "controllers = ( " FIRST " ); actions = ( { at = 1.0; promote = \"first\"; } );",
-         "first is not in shadow, and nobody is in its"},
+         "first acts already: no other controller has its outputs"},
         {HEAD "controllers = ( " FIRST ", " TRIAL " ); actions = ( { at = 1.0; promote = \"tryal\"; } );",
          "did you mean \"trial\""},
         {HEAD "controllers = ( " FIRST ", " TRIAL " ); actions = ( { at = 1.0; promote = \"trial\"; value = "

@@ -294,7 +294,8 @@ static void who_was_slower_is_told_what_is_there(void **state)
     assert_string_equal(request.fault.message, "Kp was changed meanwhile: it is 0.2 now");
     assert_true(is_in(&request.extra, "\"current\":{\"tuning.1\":"));
     assert_int_equal(write_one(&writings[3]), 409);
-    assert_string_equal(request.fault.message, "y.high: somebody else was faster: look again");
+    assert_string_equal(request.fault.message,
+                        "y.high: somebody else was faster, and nothing was written: look again");
 }
 
 static void the_seq_of_a_write_is_told_when_it_has_one(void **state)
@@ -321,7 +322,8 @@ static void a_write_that_is_under_way_is_not_begun_again(void **state)
         assert_int_equal(ask(writings[k].post, body), 503);
         assert_string_equal(request.fault.code, "busy");
         assert_string_equal(request.fault.field, "key");
-        assert_string_equal(request.fault.message, "this very write is under way");
+        assert_string_equal(request.fault.message,
+                            "this very write is under way already: ask what becomes of it");
     }
     text_free(&t);
 }

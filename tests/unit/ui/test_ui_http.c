@@ -259,7 +259,7 @@ static void what_is_not_there_is_said(void **state)
     (void)state;
     ask(&reply, &anna, "GET", "/nothing", NULL, NULL);
     assert_int_equal(reply.status, 404);
-    has(reply.body, "there is nothing here");
+    has(reply.body, "there is no such address here: docs/http-api.md lists them");
     http_free(&reply);
     assert_int_equal(files_load(&none, "/no/such/folder", &why), APC_ENOTFOUND);
     ui->files = none;

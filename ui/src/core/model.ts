@@ -135,6 +135,13 @@ export function shownNow(): number {
   return shownAt.value ?? serverNow();
 }
 
+const ASKED = 3; // s in which something is asked for again, and the answer comes
+
+/** The same, less what a simulated plant goes on by while an answer is asked for. */
+export function answeredNow(): number {
+  return shownNow() - ASKED * (simulation.value?.reached ?? 0);
+}
+
 /** Until when is known what the screens show, Unix s. */
 export function knownUntil(): number {
   return shownAt.value ?? clock.newest ?? 0;

@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {Curve} from "../core/curve";
 import {duration, exact, limitsText, missing, when} from "../core/format";
 import {holds} from "../core/history";
-import {lately, live, onSample, plant, refill, second, shownAt, shownNow, variable} from "../core/model";
+import {answeredNow, lately, live, onSample, plant, refill, second, shownAt, shownNow, variable} from "../core/model";
 import {trajectoryRows, trajectorySeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/prediction";
 import {nameOf, pensAbout} from "../core/pens";
 import {RECENT} from "../core/loopdata";
@@ -55,7 +55,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   const {answer: worth} = useAnswer(() => get<{loops: Kpi[]}>("/api/kpis", at == null ? {} : lately(DAY)), [at ?? Math.floor(now / WORTH)]);
   const mine = new Set([...measured, ...moved].map(one => one.variable.ref));
   const said = (answer?.predictions ?? []).filter(trajectory => mine.has(trajectory.ref));
-  const trajectories = said.filter(trajectory => isOfNow(trajectory, controller, shownNow()));
+  const trajectories = said.filter(trajectory => isOfNow(trajectory, controller, answeredNow()));
   const newest = Math.max(0, ...said.map(trajectory => trajectory.made));
   const rows = trajectoryRows(trajectories, STEPS);
   const signals = [...measured.map(one => one.variable), ...moved.map(one => one.variable), ...disturbances];

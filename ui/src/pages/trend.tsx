@@ -18,7 +18,7 @@ import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
-import {alarms, control, decimals, events, live, onSample, plant, refill, second, shownAt, shownNow, variable} from "../core/model";
+import {alarms, answeredNow, control, decimals, events, live, onSample, plant, refill, second, shownAt, shownNow, variable} from "../core/model";
 import {trajectoryRows, trajectorySeries, expectedOf, horizon, predictors} from "../core/prediction";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
@@ -118,7 +118,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const at = shownAt.value;
   const plan = win.live ? (at ?? Math.floor(now / PLAN)) : win.to;
   const {answer: planned} = useAnswer(() => (win.ahead ? get<{predictions: Trajectory[]}>("/api/predictions", {at: win.live ? at : win.to}) : Promise.resolve({predictions: []})), [win.ahead, plan]);
-  const expected = win.ahead ? expectedOf(planned?.predictions ?? [], predicting, win.live ? shownNow() : null) : noPlans;
+  const expected = win.ahead ? expectedOf(planned?.predictions ?? [], predicting, win.live ? answeredNow() : null) : noPlans;
   const {answer: starts} = useAnswer(() => (p.start == null ? Promise.resolve({events: []}) : get<{events: PlantEvent[]}>("/api/events", {kind: "start", since: p.start - RUNS_BACK, last: 500})), [p.start]);
   const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: tr("trend.run", {time: stamp(t)})}));
   const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;

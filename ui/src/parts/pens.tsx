@@ -35,7 +35,7 @@ export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[];
       }}
     >
       <label>
-        {tr("parts.addSignal")} <input type="search" size={24} value={text} disabled={full} placeholder={tr("parts.searchIn")} onInput={event => setText(event.currentTarget.value)} />
+        {tr("parts.addSignal")} <input type="search" size={28} value={text} disabled={full} placeholder={tr("parts.searchIn")} onInput={event => setText(event.currentTarget.value)} />
       </label>{" "}
       <span class="say" role="status">
         {full ? tr("parts.signalsMost", {most: MOST_PENS}) : text.trim() === "" ? "" : matches.length === 0 ? (matching(text, plant, []).length > 0 ? tr("parts.thereAlready") : tr("parts.noSignalCalled", {text: text.trim()})) : tr("parts.enterAdds")}
