@@ -70,7 +70,8 @@ static bool is_back(const struct why_cause *cause)
     return cause->kind != WHY_BELOW && cause->before == cause->now && cause->status_before == cause->status;
 }
 
-#define WIDEST 1e6 /* limits farther apart than that are none */
+#define SHARE_MOST 100 /* of the whole move; a greater part says that the output is where it was */
+#define WIDEST     1e6 /* limits farther apart than that are none */
 
 static bool has_effect(const struct why *w, double effect)
 {
@@ -91,7 +92,7 @@ static void print_effect(struct print_table *table, const struct why *w, double 
         print_cell(table, PRINT_PLAIN, "<%g", least);
     else
         print_cell(table, PRINT_PLAIN, "%+.4g", effect);
-    if (move < 0 || move > 0)
+    if (fabs(effect) < SHARE_MOST * fabs(move))
         print_cell(table, PRINT_PLAIN, "%.0f", 100 * effect / move + 0.0);
     else
         print_cell(table, PRINT_PLAIN, "%s", "");

@@ -55,6 +55,10 @@ refused 1 'another build, or its record is damaged' damaged v1@703
 "$apc" why hand u@60 --over 35 >back.txt
 grep -q '^u .*mode .*Auto  Auto again' back.txt || fail "a mode that came back: $(cat back.txt)"
 
+# An output that is back where it was: a share of nothing is none.
+"$apc" simulate "$experiments/first-order.conf" --duration 145 --report still >/dev/null
+"$apc" why still u@140 --over 100 | grep -qE '^y +measurement +10.0256 +10 +\+0.05165 *$' || fail "a share of a move of 0.0005: $("$apc" why still u@140 --over 100)"
+
 # ---- Of a store: the same numbers as of the folder of its run, and who wrote the setpoint. In a database, and in one behind a
 # live store in shared memory.
 

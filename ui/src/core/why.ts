@@ -111,7 +111,7 @@ export function part(effect: number | null, {before, now}: Why): Part | null {
   const size = Math.abs(now ?? 0) + Math.abs(before ?? 0);
   if (effect == null || Math.abs(effect) <= 1e-12 * size) return null;
   const move = (now ?? 0) - (before ?? 0);
-  return {effect, share: move === 0 ? null : effect / move};
+  return {effect, share: Math.abs(effect) < 100 * Math.abs(move) ? effect / move : null}; // else the output is where it was
 }
 
 export const shareText = (share: number | null): string => (share == null ? missing : `${number(100 * share, 0)} %`);
