@@ -28,11 +28,11 @@ wait "$pid" || fail "the run did not end well"
 
 # What it was worth: of the run, of a part of it, of the store's history.
 # Promise(laws/time-service-limits)
-expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report "$work/run"
+expect 0 '^v1 +y1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report "$work/run"
 expect 0 '^y1 +0\.5 +[0-9.e-]+ +30 ' "$apc" report "$work/run"
-expect 0 '^v1 +[0-9.]+ +0 +[0-9.]+ ' "$apc" report "$work/run" --from 1 --to 1.5
+expect 0 '^v1 +y1 +[0-9.]+ +0 +[0-9.]+ ' "$apc" report "$work/run" --from 1 --to 1.5
 expect 0 '"kpis":\{"from_s":1(\.0*)?,"until_s":1\.5' "$apc" report "$work/run" --from 1 --to 1.5 --json
-expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report
+expect 0 '^v1 +y1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report
 expect 0 '"predictions":\[\{"variable":"y1","step_s":0\.5,"steps":30,"rms_one_step":[0-9.e-]+' "$apc" report --json --from -1h
 expect 2 'must be s since the start of the run' "$apc" report "$work/run" --from yesterday
 expect 1 'the window is empty' "$apc" report "$work/run" --from 5 --to 4
