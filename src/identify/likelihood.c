@@ -389,6 +389,7 @@ static int end_profile(struct fit *f, const double *best, double left, double er
 {
     const double at = best[f->m], side = limit > at ? 1.0 : -1.0;
     double near = at, far = limit, next = at + side * NORMAL * error;
+    bool ends = false;
     int rc = 0;
 
     *end = (double)NAN;
@@ -404,6 +405,7 @@ static int end_profile(struct fit *f, const double *best, double left, double er
             *end = (double)NAN;
             return rc;
         }
+        ends = ends || depth > NORMAL;
         if (depth < NORMAL)
             near = next;
         else
@@ -412,6 +414,8 @@ static int end_profile(struct fit *f, const double *best, double left, double er
         if (!(side * next > side * near) || (far != limit && !(side * next < side * far)))
             next = isfinite(far) ? near + (far - near) / 2.0 : near + 2.0 * (near - at);
     }
+    if (!ends) /* no limit either: the likelihood falls no further */
+        *end = (double)NAN;
     return rc;
 }
 

@@ -348,6 +348,11 @@ int fit_check_apart(const struct fit *f, struct apc_error *why)
 
 /* ---- Unknowns -------------------------------------------------------------------------------------- */
 
+static double longest_dead_time(const struct fit *f)
+{
+    return (double)apc_record_shortest(&f->r) / 4.0 * f->r.Ts;
+}
+
 static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, size_t at)
 {
     const size_t j = kind == BEFORE ? at % f->inputs : 0, to = f->s.input ? f->s.input[j] : j,
@@ -363,7 +368,7 @@ static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, siz
     *of = (struct unknown){.kind = kind, .run = run, .at = at, .low = -HUGE_VAL, .high = HUGE_VAL};
     if (kind == DEAD_TIME) {
         of->low = 0.0;
-        of->high = (double)apc_record_shortest(&f->r) / 4.0 * f->r.Ts;
+        of->high = longest_dead_time(f);
         of->size = f->r.Ts;
         f->value[q] = f->dead_time;
         return;
@@ -522,16 +527,30 @@ static int report_parameters(struct fit *f, double left, double *value, double *
 
 /* ---- The whole -------------------------------------------------------------------------------------- */
 
+static int check_prior(const struct fit *f, size_t i, struct apc_error *why)
+{
+    const struct apc_prior *prior = prior_of(f, i);
+    const struct apc_param *of = f->s.which[i] < f->model->np ? &f->model->param[f->s.which[i]] : NULL;
+    const double low = of ? of->low : 0.0, high = of ? of->high : longest_dead_time(f);
+
+    if (!prior || (prior->mean >= low && prior->mean <= high))
+        return 0;
+    return apc_fail(why, APC_EINVAL,
+                    "parameters: %s cannot be %g, as it is said to be beforehand: it must be from %g to %g",
+                    of ? of->name : "dead_time", prior->mean, low, high);
+}
+
 static int check_sought(const struct fit *f, struct apc_error *why)
 {
     const struct apc_model *m = f->model;
+    int rc = 0;
 
     if (apc_model_is_fmu(m))
         return apc_fail(why, APC_EINVAL, "parameters: %s is an FMU, that takes parameters as it starts only",
                         m->name);
     if (f->s.n == 0 ? !f->noisy : !f->s.which)
         return apc_fail(why, APC_EINVAL, "parameters: none is sought");
-    for (size_t i = 0; i < f->s.n; i++) {
+    for (size_t i = 0; i < f->s.n && rc == 0; i++) {
         for (size_t k = 0; k < i; k++)
             if (f->s.which[i] == f->s.which[k])
                 return apc_fail(why, APC_EINVAL, "parameters: one is sought twice");
@@ -546,7 +565,10 @@ static int check_sought(const struct fit *f, struct apc_error *why)
             return apc_fail(
                 why, APC_EINVAL,
                 "parameters: what is known beforehand must be a number and a deviation from 0 on");
+        rc = check_prior(f, i, why);
     }
+    if (rc < 0)
+        return rc;
     for (size_t j = 0; j < f->r.nu + f->r.nd; j++)
         if ((f->s.input ? f->s.input[j] : j) >= m->nu + m->nd)
             return apc_fail(why, APC_EINVAL, "parameters: %s has no input %zu", m->name, j + 1);

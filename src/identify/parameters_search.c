@@ -139,7 +139,8 @@ static int search_around(struct fit *f, double *left, struct apc_error *why)
 static double score_of_fit(const struct fit *f, const double *errors)
 {
     const size_t n = f->r.n;
-    double score = (double)f->m * apc_log((double)fit_counted(f));
+    const double *priors = errors + f->samples;
+    double score = (double)f->m * apc_log((double)fit_counted(f)) + apc_matrix_dot(priors, priors, f->s.n);
 
     for (size_t i = 0; i < f->r.ny; i++) {
         const double *e = errors + i * n;

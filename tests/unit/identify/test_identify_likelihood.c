@@ -83,6 +83,7 @@ struct found {
 
 /* What is asked beside which parameters: NULL or 0: nothing. */
 static struct {
+    const struct apc_model *model;
     const struct apc_prior *prior;
     struct apc_interval *profile;
     const double *p;
@@ -93,7 +94,7 @@ static int find(const struct simulated *s, const size_t *which, size_t n, const 
 {
     const struct apc_plant_options rk4 = {.size = sizeof rk4, .integrator = "rk4", .steps = 4};
     const struct apc_parameters sought = {.size = sizeof sought,
-                                          .model = &lag,
+                                          .model = beside.model ? beside.model : &lag,
                                           .plant = &rk4,
                                           .which = which,
                                           .n = n,
@@ -286,6 +287,36 @@ static void a_profile_ends_where_the_likelihood_has_fallen(void **state)
     free(s);
 }
 
+static int slope_of_saturation(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    return slope(t, x, u, (const double[]){-0.1, 1.03 * tanh(p[0])}, dx);
+}
+
+/* Promise(identification/profile) */
+static void where_the_likelihood_falls_no_further_a_profile_has_no_end(void **state)
+{
+    static const struct apc_param gain = {.name = "gain", .initial = 1.0, .low = 0.0, .high = HUGE_VAL};
+    struct simulated *s = simulate(-0.1, 0.3, 0.2, 6);
+    struct apc_interval profile = {0.0, 0.0};
+    struct apc_model model = lag;
+    struct found of = {.log_likelihood = 0.0};
+    struct apc_error why;
+    (void)state;
+
+    model.f = slope_of_saturation;
+    model.np = 1;
+    model.param = &gain;
+    beside.model = &model;
+    beside.profile = &profile;
+    if (find(s, first, 1, first, 1, &of, &why))
+        fail_msg("%s", why.text);
+    beside.model = NULL;
+    beside.profile = NULL;
+    print_message("gain %g +- %g: %g to %g\n", of.value[0], of.error[0], profile.low, profile.high);
+    assert_true(profile.low > 0.0 && profile.low < of.value[0] && isnan(profile.high));
+    free(s);
+}
+
 static void refused(const struct simulated *s, const size_t *which, size_t n, const size_t *noisy,
                     size_t n_noisy, int code, const char *reason)
 {
@@ -314,6 +345,9 @@ static void what_cannot_be_told_is_named(void **state)
     refused(s, both, 2, (const size_t[]){0, 0}, 2, APC_EINVAL, "must be different ones of 2");
     beside.prior = &(const struct apc_prior){1.0, -1.0};
     refused(s, first, 1, first, 1, APC_EINVAL, "beforehand must be a number and a deviation from 0 on");
+    beside.prior = &(const struct apc_prior){-1.5, 0.1};
+    refused(s, first, 1, first, 1, APC_EINVAL,
+            "a cannot be -1.5, as it is said to be beforehand: it must be from -1 to 1");
     beside.prior = NULL;
     refused(s, (const size_t[]){2}, 1, first, 1, APC_ESOLVER, "idle changes nothing that was measured");
     memset(s->u, 0, sizeof s->u); /* then nothing tells b */
@@ -332,6 +366,7 @@ int main(void)
         cmocka_unit_test(an_unstable_plant_is_found),
         cmocka_unit_test(a_prior_counts_as_its_variance_says),
         cmocka_unit_test(a_profile_ends_where_the_likelihood_has_fallen),
+        cmocka_unit_test(where_the_likelihood_falls_no_further_a_profile_has_no_end),
         cmocka_unit_test(what_cannot_be_told_is_named),
     };
 
