@@ -399,12 +399,10 @@ static int load_of_folder(struct closed *c, struct apc_error *why)
         c->end = c->all.at[i].time > c->end ? c->all.at[i].time : c->end;
     if (rc < 0)
         return rc;
-    if (c->of.until > c->start && c->of.until - c->start < c->end)
-        c->end = c->of.until - c->start;
+    if (c->of.until < c->start + c->end)
+        c->end = c->of.until > c->start ? c->of.until - c->start : 0;
     c->of.until = c->start + c->end + 1;
-    return c->since < c->end && c->of.until > c->start
-               ? 0
-               : apc_fail(why, APC_ENOTFOUND, "no measurements are on record in that time");
+    return c->since < c->end ? 0 : apc_fail(why, APC_ENOTFOUND, "no measurements are on record in that time");
 }
 
 static int load_of_store(struct closed *c, const struct beats *beats, struct apc_error *why)
@@ -421,8 +419,8 @@ static int load_of_store(struct closed *c, const struct beats *beats, struct apc
 
 static int load_closed_record(struct closed *c, struct beats *beats, struct apc_error *why)
 {
-    const apc_ns lead = c->of.until - c->of.since;
-    apc_ns since = c->of.dir ? 0 : c->of.since > lead ? c->of.since - lead : 0;
+    const apc_ns lead = c->of.dir ? INT64_MAX : c->of.until - c->of.since,
+                 since = c->of.since > lead ? c->of.since - lead : 0;
     int rc = 0;
     for (size_t i = 0; i < c->was.n_controllers && rc >= 0; i++)
         rc = load_beats(&beats[i], c, c->was.controllers[i].number, since);

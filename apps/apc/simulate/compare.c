@@ -149,13 +149,13 @@ static double panel_span(const struct compare_variable *v)
     return span > 0 ? span : 0;
 }
 
-/* Of these rows the least and the greatest, as they come. */
+/* Of these rows the least and the greatest, as they come; of none but NAN the first. */
 static void put_extremes(FILE *script, const struct trace *trace, size_t from, size_t until)
 {
     size_t low = from, high = from;
     for (size_t k = from; k < until; k++) {
-        low = trace->value[k] < trace->value[low] ? k : low;
-        high = trace->value[k] > trace->value[high] ? k : high;
+        low = trace->value[k] < trace->value[low] || isnan(trace->value[low]) ? k : low;
+        high = trace->value[k] > trace->value[high] || isnan(trace->value[high]) ? k : high;
     }
     const size_t first = low < high ? low : high, last = low < high ? high : low;
     fprintf(script, "%.9g %.9g\n", trace->t[first], trace->value[first]);
@@ -204,8 +204,14 @@ static void put_comparison(FILE *script, void *ctx)
 int compare_draw(const struct compare_figure *f, const char *name, FILE *out, struct apc_error *why)
 {
     struct compare_figure figure = *f;
-    const int rc = panels_of(f) > 0 ? gnuplot_figure(name, figure_compare, put_comparison, &figure, why) : 0;
-    if (rc == 0 && panels_of(f) > 0)
+    if (panels_of(f) == 0)
+        return apc_fail(why, APC_ENOTFOUND,
+                        "%s.svg and %s.png are not drawn: no signal is there both on record and anew", name,
+                        name);
+    if (!(figure.end > figure.begin)) /* of one instant */
+        figure.end = figure.begin + 1;
+    const int rc = gnuplot_figure(name, figure_compare, put_comparison, &figure, why);
+    if (rc == 0)
         fprintf(out, "figure:  %s.svg, %s.png\n", name, name);
     return rc;
 }

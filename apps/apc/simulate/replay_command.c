@@ -764,7 +764,7 @@ int command_replay(int argc, char **argv)
         rc = c.options.closed ? replay_closed(&c)
              : is_season(&c)  ? replay_of_season(&c, &outputs)
                               : replay_folder(&c, &watch);
-    if (c.options.figure && c.curves.n > 0 && (rc == 0 || rc == APC_ESTATE)) {
+    if (c.options.figure && !c.options.closed && (rc == 0 || (rc == APC_ESTATE && c.curves.n > 0))) {
         struct apc_error why;
         const int drawn = replay_curves_draw(&c.curves, c.source->name, c.options.figure,
                                              c.options.json ? stderr : c.talk, &why);

@@ -110,6 +110,9 @@ assert output["ticks"] > 200 and output["same"] == 0, output' || fail "another t
 grep -q '^figure:  later.svg, later.png$' figure.log && grep -q replayed later.svg && [ -s later.png ] || fail "no figure of a replay: $(cat figure.log)"
 expect 0 '^figure:  closed.svg, closed.png' "$apc" replay people --closed --set controller.Kp=0.1 --since 2000-01-01T00:00:40Z --figure closed
 [ -s closed.png ] && grep -q 'as recorded' closed.svg && grep -q otherwise closed.svg && grep -q setpoint closed.svg || fail "no figure of a closed loop"
+expect 0 '^figure:  tick.svg' "$apc" replay people --set controller.Kp=0.1 --since 2000-01-01T00:01:00Z --until 2000-01-01T00:01:02Z --figure tick
+expect 1 'none.svg and none.png are not drawn: no signal is there both on record and anew' \
+  "$apc" replay people --set controller.Kp=0.1 --since 2000-01-01T00:02:53Z --until 2000-01-01T00:02:56Z --figure none
 expect 2 'figure: of one run or store' "$apc" replay people half --set controller.Kp=0.1 --figure two
 # A part of it goes on from what was in force then.
 for part in "--since 2000-01-01T00:00:40Z" "--since 2000-01-01T00:01:00Z --until 2000-01-01T00:03:20Z"; do
@@ -122,7 +125,10 @@ assert part["unchanged_apart"] == 0 and part["since"] >= 946684840 and ".tuning.
 assert any("4 ticks are not on record" in note for note in part["notes"]) and any("wrote 1 values" in note for note in part["notes"]), part
 assert part["loops"][0]["iae"]["recorded"] > 0 and part["loops"][0]["iae"]["otherwise"] > 0, part' || fail "$part of a run is another: $(cat part.json)"
 done
-expect 1 'no measurements are on record in that time' "$apc" replay people --closed --set controller.Kp=0.1 --since 2000-01-02
+for part in "--since 2000-01-02" "--until 1999-12-31" "--until 1700-01-01"; do
+  # shellcheck disable=SC2086
+  expect 1 'no measurements are on record in that time' "$apc" replay people --closed --set controller.Kp=0.1 $part
+done
 expect 1 'nowhere: there is no such file or folder' "$apc" replay nowhere --closed --law pid
 sed -i '2i 0,actuator,1000000,Good,1' half/samples.csv # a row that is none of the experiment's
 rm half/samples.columns

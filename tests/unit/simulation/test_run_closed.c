@@ -34,7 +34,7 @@ static int take_copied_sample(void *ctx, const struct apc_sample *sample)
     assert_true(apc_grow(&row, rows + 1, sizeof *row));
     row[rows] = *sample;
     row[rows].time += later;
-    row[rows].seq += later ? 100000 : 0;
+    row[rows].seq += later / APC_NS_PER_MS;
     row[rows++].author = sample->author ? *author : 0;
     return 0;
 }
@@ -45,7 +45,7 @@ static int take_copied_vector(void *ctx, const struct apc_vector *from)
     assert_true(apc_grow(&vector, rows + 1, sizeof *vector));
     vector[rows] = *from;
     vector[rows].time += later;
-    vector[rows].seq += later ? 100000 : 0;
+    vector[rows].seq += later / APC_NS_PER_MS;
     vector[rows].room = from->n;
     vector[rows].value = calloc(from->n, sizeof(double));
     assert_non_null(vector[rows].value);
@@ -220,6 +220,13 @@ static void what_cannot_be_closed_is_refused(void **state)
     if (close_loop(S(1010), S(1050)) < 0 || close_loop(S(100), S(600)) < 0)
         fail_msg("%s", why.text);
     assert_record("before another start");
+    later = 400 * APC_NS_PER_S + 70 * APC_NS_PER_MS; /* once more, the clock having been set back */
+    if (simulation_create(&s, &e, e.seed, &why) < 0 || simulation_run(&s, 60) < 0)
+        fail_msg("%s", why.text);
+    copy_store(s.store);
+    simulation_destroy(&s);
+    assert_int_equal(close_loop(S(100), S(600)), APC_ESTATE);
+    assert_non_null(strstr(why.text, "the clock was set"));
 }
 
 int main(void)
