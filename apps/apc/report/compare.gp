@@ -5,7 +5,7 @@ do for [i = 1:panels] {
   y = 92 * i - 28
   eval panel(0.09, 0.97, y, y + 76)
   set xrange [begin:end]
-  set offsets graph 0, 0, 0.06, 0.06
+  set offsets graph 0, graph 0, graph 0.06, graph 0.06
   if (span[i] > 0) { set ytics round_up(span[i] / 3) } else { set ytics autofreq }
   set ylabel name[i] noenhanced
   if (i == 1) {

@@ -50,7 +50,7 @@ void gnuplot_text(FILE *script, const char *array, size_t i, const char *text)
 }
 
 struct figure {
-    const char *name, *script;
+    const char *name, *part, *script; /* part: its name until it is whole */
     void (*put)(FILE *script, void *ctx);
     void *ctx;
 };
@@ -64,7 +64,7 @@ static int write_script(FILE *script, const struct figure *f)
         return APC_ESYS;
     before = uselocale(neutral);
     fputs(figure_common, script);
-    gnuplot_string(script, "file", f->name);
+    gnuplot_string(script, "file", f->part);
     f->put(script, f->ctx);
     for (int png = 0; png < 2; png++)
         fprintf(script, "png = %d\n%sunset multiplot\nunset output\n", png, f->script);
@@ -170,16 +170,63 @@ static int draw(const char *dir, const struct figure *f, struct apc_error *why)
     return rc;
 }
 
+/* gnuplot says nothing of a full disk. */
+static bool ends_with(int folder, const char *file, const char *mark)
+{
+    char last[16];
+    const int fd = openat(folder, file, O_RDONLY | O_CLOEXEC);
+    const bool ends = fd >= 0 && lseek(fd, -(off_t)sizeof last, SEEK_END) >= 0 &&
+                      read(fd, last, sizeof last) == (ssize_t)sizeof last &&
+                      memmem(last, sizeof last, mark, strlen(mark));
+
+    if (fd >= 0)
+        close(fd);
+    return ends;
+}
+
+/* Both files take the place of former ones where both are whole, else neither does. */
+static int end_figure(const char *dir, int folder, const struct figure *f, int rc, struct apc_error *why)
+{
+    static const char *const suffix[] = {".svg", ".png"}, *const mark[] = {"</svg>", "IEND"};
+    char part[2][260], file[260];
+
+    for (int i = 0; i < 2; i++) {
+        snprintf(part[i], sizeof part[i], "%s%s", f->part, suffix[i]);
+        if (rc == 0 && !ends_with(folder, part[i], mark[i]))
+            rc = apc_fail(why, APC_ESYS, "%s: %s%s could not be written whole: is there room on the disk?",
+                          dir, f->name, suffix[i]);
+    }
+    for (int i = 0; i < 2; i++) {
+        snprintf(file, sizeof file, "%s%s", f->name, suffix[i]);
+        if (rc == 0 && renameat(folder, part[i], folder, file) < 0)
+            rc = apc_fail(why, APC_ESYS, "%s: %s could not be written: %s", dir, file, strerror(errno));
+        if (rc < 0)
+            (void)unlinkat(folder, part[i], 0);
+    }
+    return rc;
+}
+
 int gnuplot_figure(const char *name, const char *script, void (*put)(FILE *script, void *ctx), void *ctx,
                    struct apc_error *why)
 {
     const char *slash = strrchr(name, '/');
-    const struct figure f = {slash ? slash + 1 : name, script, put, ctx};
+    char part[260];
+    const struct figure f = {slash ? slash + 1 : name, part, script, put, ctx};
 
     if (!*f.name || strlen(f.name) > 250)
         return apc_fail(why, APC_EINVAL, "%s: that is no name for a figure", name);
     char *dir = slash ? strndup(name, slash == name ? 1 : (size_t)(slash - name)) : strdup(".");
-    const int rc = dir ? draw(dir, &f, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    if (!dir)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    snprintf(part, sizeof part, "%s~", f.name);
+    const int folder = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int rc = folder < 0 ? apc_fail(why, APC_ESYS, "%s: %s: a figure needs a folder that is there", dir,
+                                   strerror(errno))
+                        : draw(dir, &f, why);
+    if (folder >= 0) {
+        rc = end_figure(dir, folder, &f, rc, why);
+        close(folder);
+    }
     free(dir);
     return rc;
 }

@@ -47,13 +47,15 @@ static double next_to(const struct trace *trace, double t)
     return trace->value[low];
 }
 
-static double trace_span(const struct trace *trace)
+/* Of several, all from the lowest to the highest. */
+static double traces_span(const struct trace *const *trace, size_t n)
 {
     double low = HUGE_VAL, high = -HUGE_VAL;
-    for (size_t i = 0; i < trace->n; i++) {
-        low = fmin(low, trace->value[i]);
-        high = fmax(high, trace->value[i]);
-    }
+    for (size_t k = 0; k < n; k++)
+        for (size_t i = 0; i < trace[k]->n; i++) {
+            low = fmin(low, trace[k]->value[i]);
+            high = fmax(high, trace[k]->value[i]);
+        }
     return high > low ? high - low : none;
 }
 
@@ -75,7 +77,7 @@ static double step_of(const struct samples *s, int id)
 static void print_variable(const struct compare *c, const struct trace *sim, const struct trace *rec,
                            const struct apc_tag *tag, struct print_table *table)
 {
-    double scale = tag->table == APC_SENSOR ? step_of(c->simulated, tag->id) : trace_span(sim);
+    double scale = tag->table == APC_SENSOR ? step_of(c->simulated, tag->id) : traces_span(&sim, 1);
     double worst = 0, at = 0, sum = 0;
     size_t n = 0, simulated = 0;
     for (size_t i = 0; i < sim->n; i++)
@@ -145,7 +147,8 @@ static size_t panels_of(const struct compare_figure *f)
 /* 0: it is flat. */
 static double panel_span(const struct compare_variable *v)
 {
-    const double span = fmax(trace_span(&v->recorded), trace_span(&v->simulated)); /* the other one of NAN */
+    const struct trace *const all[] = {&v->recorded, &v->simulated, &v->unchanged, &v->setpoint};
+    const double span = traces_span(all, sizeof all / sizeof *all);
     return span > 0 ? span : 0;
 }
 

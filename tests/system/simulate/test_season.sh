@@ -111,6 +111,12 @@ grep -q '^figure:  later.svg, later.png$' figure.log && grep -q replayed later.s
 expect 0 '^figure:  closed.svg, closed.png' "$apc" replay people --closed --set controller.Kp=0.1 --since 2000-01-01T00:00:40Z --figure closed
 [ -s closed.png ] && grep -q 'as recorded' closed.svg && grep -q otherwise closed.svg && grep -q setpoint closed.svg || fail "no figure of a closed loop"
 expect 0 '^figure:  tick.svg' "$apc" replay people --set controller.Kp=0.1 --since 2000-01-01T00:01:00Z --until 2000-01-01T00:01:02Z --figure tick
+cp tick.svg former.svg
+expect 1 'tick.svg could not be written whole: is there room' bash -c "trap '' XFSZ; ulimit -f 12; $apc replay people --set controller.Kp=0.1 --figure tick"
+cmp tick.svg former.svg && [ ! -e tick~.svg ] && [ ! -e tick~.png ] || fail "a figure without room took the place of a former one: $(ls)"
+expect 1 'nowhere: .*: a figure needs a folder that is there' "$apc" replay people --set controller.Kp=0.1 --figure nowhere/tick
+"$apc" replay people --closed --set controller.Kp=0.19 --since 2000-01-01T00:02:25Z --until 2000-01-01T00:02:28Z --figure short >/dev/null
+[ "$(wc -c <short.svg)" -lt 200000 ] || fail "an axis has too many numbers: $(wc -c short.svg)"
 expect 1 'none.svg and none.png are not drawn: no signal is there both on record and anew' \
   "$apc" replay people --set controller.Kp=0.1 --since 2000-01-01T00:02:53Z --until 2000-01-01T00:02:56Z --figure none
 expect 2 'figure: of one run or store' "$apc" replay people half --set controller.Kp=0.1 --figure two
