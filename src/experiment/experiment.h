@@ -618,9 +618,10 @@ enum fault_number {
     FAULT_IF_TABLE, /* of what variable */
     FAULT_IF_ID,
     FAULT_IF_LIMIT,
-    FAULT_BEGAN, /* s since the start: the simulation has seen that it was; 0: not yet */
+    FAULT_BECAME, /* enum fault_became, as the simulation has seen; 0: nothing yet */
     FAULT_NUMBERS
 };
+enum fault_became { FAULT_BEGAN = 1, FAULT_HELD /* it goes no farther: the model takes no more */ };
 enum fault_if {
     FAULT_IF_NONE,
     FAULT_IF_BELOW,
@@ -651,7 +652,7 @@ struct faults {
     struct apc_sample *number; /* [n * FAULT_NUMBERS] */
     size_t n;
 };
-enum fault_state { FAULT_WAITS, FAULT_TIMED, FAULT_STARTED, FAULT_STOPPED };
+enum fault_state { FAULT_WAITS, FAULT_TIMED, FAULT_STARTED, FAULT_STOPPED, FAULT_AT_LIMIT };
 /* Returns 0 or an error with a text in @p why; faults_close() in either case. */
 int faults_open(struct faults *f, struct apc_store *store, struct apc_error *why);
 void faults_close(struct faults *f);
@@ -660,7 +661,7 @@ bool faults_listed(const struct faults *f, size_t i);
 enum fault_state faults_state(const struct faults *f, size_t i);
 const char *fault_state_name(enum fault_state state);
 /* How somebody has started it, as faults_find() reads it; "": it has nothing of that. */
-#define FAULT_TEXT 240
+#define FAULT_TEXT 320
 const char *faults_words(const struct faults *f, size_t i, char text[FAULT_TEXT]);
 struct text;
 void faults_json(const struct faults *f, struct text *t);

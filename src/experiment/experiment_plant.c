@@ -29,7 +29,7 @@ static apc_ns seconds(struct settings *s, const config_setting_t *group, const c
     settings_number(s, group, name, presence, 0, DAYS_366, &value);
     if (!s->failed)
         (void)apc_ns_from_s(value, &ns);
-    return ns;
+    return value > 0 && ns == 0 ? 1 : ns; /* a duration of 0 is for ever */
 }
 
 /* The number of a model's variable by its name; @n when there is none, and that is a failure. */

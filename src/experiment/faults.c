@@ -2,6 +2,7 @@
 /* The faults of a simulated plant, as an instructor sees them: in its store is which ones somebody started or stopped. */
 #include "experiment.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,8 +64,8 @@ int faults_open(struct faults *f, struct apc_store *store, struct apc_error *why
                     (rc = apc_store_read(store, f->number, f->n * FAULT_NUMBERS)) < 0))
         apc_fail(why, rc, "%s", apc_store_error(store));
     for (size_t i = 0; i < f->n && rc >= 0; i++) /* since when it is as it is */
-        if (f->row[i].value != 0 && number_of(f, i, FAULT_BEGAN) > 0)
-            f->row[i].time = f->number[i * FAULT_NUMBERS + FAULT_BEGAN].time;
+        if (f->row[i].value != 0 && number_of(f, i, FAULT_BECAME) > 0)
+            f->row[i].time = f->number[i * FAULT_NUMBERS + FAULT_BECAME].time;
     return rc < 0 ? rc : 0;
 }
 
@@ -84,9 +85,11 @@ enum fault_state faults_state(const struct faults *f, size_t i)
 {
     if (f->row[i].seq > 0 && f->row[i].value == 0)
         return FAULT_STOPPED;
+    if (f->row[i].seq > 0 && number_of(f, i, FAULT_BECAME) == FAULT_HELD)
+        return FAULT_AT_LIMIT;
     if (f->row[i].seq > 0)
         return (number_of(f, i, FAULT_IF) > 0 || number_of(f, i, FAULT_AT) > 0) &&
-                       number_of(f, i, FAULT_BEGAN) <= 0
+                       number_of(f, i, FAULT_BECAME) <= 0
                    ? FAULT_WAITS
                    : FAULT_STARTED;
     return *experiment_fault(&f->e, i).at == FAULT_NEVER ? FAULT_WAITS : FAULT_TIMED;
@@ -94,7 +97,7 @@ enum fault_state faults_state(const struct faults *f, size_t i)
 
 const char *fault_state_name(enum fault_state state)
 {
-    static const char *const names[] = {"waits", "timed", "started", "stopped"};
+    static const char *const names[] = {"waits", "timed", "started", "stopped", "held"};
     return names[state];
 }
 
@@ -154,11 +157,11 @@ void faults_json(const struct faults *f, struct text *t)
 /* ---- Found ---------------------------------------------------------------------------------- */
 
 /* The next word of *@p text, which goes behind it. "": there is none. */
-static const char *take_fault_word(const char **text, char *word, size_t size)
+static const char *take_fault_word(const char **text, char word[FAULT_TEXT])
 {
     const char *from = *text + strspn(*text, " ");
     const size_t n = strcspn(from, " ");
-    snprintf(word, size, "%.*s", (int)n, from);
+    snprintf(word, FAULT_TEXT, "%.*s", (int)n, from);
     *text = from + n;
     return word;
 }
@@ -177,23 +180,23 @@ static int read_fault_condition(const struct experiment *e, const char *text, do
                                 struct apc_error *why)
 {
     static const enum apc_table tables[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR};
-    char name[APC_TAG_LEN], sign[8], value[40];
+    char name[FAULT_TEXT], sign[FAULT_TEXT], value[FAULT_TEXT];
     const char *rest = text;
-    take_fault_word(&rest, name, sizeof name);
+    take_fault_word(&rest, name);
     const bool alarm = !strcmp(name, "alarm");
-    take_fault_word(&rest, alarm ? name : sign, alarm ? sizeof name : sizeof sign);
+    take_fault_word(&rest, alarm ? name : sign);
     int id = alarm ? find_faulty(e, APC_ALARM, name) : 0, is = alarm ? FAULT_IF_ALARM : FAULT_IF_NOT_BELOW;
     enum apc_table table = APC_ALARM;
     for (size_t i = 0; i < sizeof tables / sizeof *tables && !alarm && id == 0; i++)
         id = find_faulty(e, table = tables[i], name);
     while (!alarm && is > 0 && strcmp(relation[is], sign) != 0)
         is--;
-    if (is == 0 ||
-        (!alarm &&
-         apc_number_parse(take_fault_word(&rest, value, sizeof value), &number[FAULT_IF_LIMIT]) < 0) ||
+    if (is == 0 || (!alarm && apc_number_parse(take_fault_word(&rest, value), &number[FAULT_IF_LIMIT]) < 0) ||
         rest[strspn(rest, " ")])
         return apc_fail(why, APC_EINVAL, "when=\"%.80s\": expected SIGNAL < NUMBER, <=, >, >=, or alarm NAME",
                         text);
+    if (fabs(number[FAULT_IF_LIMIT]) >= APC_VALUE_MAX)
+        return apc_fail(why, APC_EINVAL, "when=\"%.80s\": the number must be below %g", text, APC_VALUE_MAX);
     if (id == 0)
         return apc_fail(why, APC_ENOTFOUND, "when=\"%.80s\": there is no %s \"%s\"", text,
                         alarm ? "alarm" : "signal", name);
@@ -245,14 +248,14 @@ static int read_fault_settings(const struct experiment *e, const struct experime
                                const char *text, double number[FAULT_NUMBERS], struct apc_error *why)
 {
     unsigned given = 0;
-    char word[80];
+    char word[FAULT_TEXT];
     int rc = 0;
     for (text += strspn(text, " "); *text && rc == 0; text += strspn(text, " ")) {
         if (!strncmp(text, "when=", 5))
             return fault->takes & ~given
                        ? apc_fail(why, APC_EINVAL, "expected size and the like before when=")
                        : read_fault_condition(e, text + 5, number, why);
-        take_fault_word(&text, word, sizeof word);
+        take_fault_word(&text, word);
         rc = read_fault_setting(e, fault, word, number, &given, why);
     }
     for (int k = FAULT_SIZE; k <= FAULT_HIGH && rc == 0; k++)
@@ -290,7 +293,7 @@ static int find_listed_fault(const struct faults *f, double number, struct fault
     if (!there || !faults_listed(f, (size_t)number - 1))
         return apc_fail(why, APC_ENOTFOUND, "there is no fault %.15g in the list", number);
     order->i = (size_t)number - 1;
-    for (int k = 0; k < FAULT_BEGAN && experiment_fault(&f->e, order->i).numbers; k++)
+    for (int k = 0; k < FAULT_BECAME && experiment_fault(&f->e, order->i).numbers; k++)
         order->number[k] = number_of(f, order->i, (enum fault_number)k);
     return 0;
 }
@@ -298,14 +301,16 @@ static int find_listed_fault(const struct faults *f, double number, struct fault
 int faults_find(const struct faults *f, const char *text, bool start, struct fault_order *order,
                 struct apc_error *why)
 {
-    char signal[APC_TAG_LEN], kind[20];
+    char signal[FAULT_TEXT], kind[FAULT_TEXT];
     const char *rest = text;
     double number;
     *order = (struct fault_order){.i = 0};
     if (apc_number_parse(text, &number) == 0)
         return find_listed_fault(f, number, order, why);
-    take_fault_word(&rest, signal, sizeof signal);
-    take_fault_word(&rest, kind, sizeof kind);
+    if (strlen(text) >= FAULT_TEXT) /* so that no word is cut */
+        return apc_fail(why, APC_EINVAL, "a fault of %zu bytes: at most %d", strlen(text), FAULT_TEXT - 1);
+    take_fault_word(&rest, signal);
+    take_fault_word(&rest, kind);
     if (!strcmp(signal, "plant") && !strcmp(kind, "power") && !rest[strspn(rest, " ")]) {
         order->i = SIZE_MAX;
         return 0;

@@ -39,10 +39,10 @@
 #define LOOPS_ASKED_OVER(variable) (13 * LOOPS_IDS + (variable))
 
 /* Of table opmode: fault number @p i of a simulated plant, from 0: 1 from its row on, 0 no more. Those of the experiment are
- * below LOOPS_FAULT_OWN, behind them is one of each kind for each signal. */
+ * below LOOPS_FAULT_OWN, more than there can be; behind them is one of each kind for each signal. */
 #define LOOPS_FAULT(i)   (9 * LOOPS_IDS + 1 + (int)(i))
-#define LOOPS_FAULT_OWN  2048
 #define LOOPS_FAULT_MOST 5000 /* of these latter ones, which have */
+#define LOOPS_FAULT_OWN  (LOOPS_IDS - 1 - LOOPS_FAULT_MOST)
 /* Of table tuning: numbers of their own; @p i begins at LOOPS_FAULT_OWN. */
 #define LOOPS_FAULT_NUMBER(i, k) (9 * LOOPS_IDS + 1 + 12 * (int)(i) + (int)(k))
 static inline bool loops_is_fault(const struct apc_sample *row)

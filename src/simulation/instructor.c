@@ -4,6 +4,7 @@
 
 #include <apcalarm.h>
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -56,18 +57,31 @@ static bool is_met(struct simulation *s, const double number[FAULT_NUMBERS])
     return false;
 }
 
-/* That it has begun is told to the instructor, and is nothing that people wrote. */
-static void begin_fault(struct simulation *s, size_t i, const struct experiment_fault *fault)
+/* What has become of it is told to the instructor, and is nothing that people wrote. */
+static void tell_instructor(struct simulation *s, const struct experiment_fault *fault,
+                            enum fault_became became)
 {
-    const apc_ns now = apc_clock_mono(s->clock);
     struct apc_sample row = {.table = APC_TUNING,
-                             .id = fault->numbers + FAULT_BEGAN,
-                             .value = apc_ns_to_s(now - s->zero),
+                             .id = fault->numbers + FAULT_BECAME,
+                             .value = became,
                              .seq = APC_SEQ_ANY,
                              .time = apc_clock_utc(s->clock)};
-    s->fault[i].waits = false;
-    *fault->at = fault_time(s, now);
     simulation_stop_at_store(s, apc_store_put(s->store, &row, 1));
+}
+
+static void begin_fault(struct simulation *s, size_t i, const struct experiment_fault *fault)
+{
+    s->fault[i].waits = false;
+    *fault->at = fault_time(s, apc_clock_mono(s->clock));
+    tell_instructor(s, fault, FAULT_BEGAN);
+}
+
+static void on_faults_wait(void *ctx);
+
+static void await_faults(struct simulation *s, apc_ns at)
+{
+    if (apc_virtual_at(s->executive, at, RANK_INSTRUCTOR, on_faults_wait, s) < 0)
+        simulation_stop(s, APC_ENOMEM, "out of memory");
 }
 
 static void on_faults_wait(void *ctx)
@@ -85,9 +99,8 @@ static void on_faults_wait(void *ctx)
             begin_fault(s, i, &fault);
         s->faults_wait |= s->fault[i].waits;
     }
-    if (s->faults_wait && apc_virtual_at(s->executive, s->zero + simulation_next_tick(s, now - s->zero),
-                                         RANK_OPERATOR, on_faults_wait, s) < 0)
-        simulation_stop(s, APC_ENOMEM, "out of memory");
+    if (s->faults_wait)
+        await_faults(s, s->zero + simulation_next_tick(s, now - s->zero));
 }
 
 /* ---- Started and stopped -------------------------------------------------------------------- */
@@ -101,6 +114,8 @@ static void take_numbers(struct simulation *s, size_t i, const struct experiment
         if (fault->takes & 1U << k)
             *fault->number[k] = number[k];
     (void)apc_ns_from_s(number[FAULT_DURATION], fault->duration);
+    if (number[FAULT_DURATION] > 0 && *fault->duration == 0) /* which is for ever */
+        *fault->duration = 1;
     if (number[FAULT_AT] > 0 || number[FAULT_IF] > 0) {
         *fault->at = FAULT_NEVER;
         s->fault[i].waits = true;
@@ -122,16 +137,15 @@ static void see_fault(struct simulation *s, size_t i, const struct apc_sample *r
 void simulation_see_faults(struct simulation *s)
 {
     struct apc_sample *row = s->fault_row;
-    const bool waited = s->faults_wait;
-    bool wait = false;
+    const bool awaited = s->faults_wait; /* at this tick, as at each */
     simulation_stop_at_store(s, apc_store_read(s->store, row, s->n_faults));
     for (size_t i = 0; i < s->n_faults && s->rc == 0; i++) {
         if (row[i].seq != s->fault[i].seen)
             see_fault(s, i, &row[i]);
-        wait |= s->fault[i].waits;
+        s->faults_wait |= s->fault[i].waits;
     }
-    if (wait && !waited)
-        on_faults_wait(s);
+    if (s->faults_wait && !awaited)
+        await_faults(s, apc_clock_mono(s->clock));
 }
 
 /* ---- Of the plant itself -------------------------------------------------------------------- */
@@ -146,7 +160,29 @@ static double disturbance_at(const struct experiment *e, size_t k, apc_ns t)
     return value;
 }
 
-/* From this tick on. A parameter that the model does not take stays as it was. */
+/* A parameter goes no farther than the model takes it: the instructor is told where it stays. */
+static void hold_drift(struct simulation *s, size_t i)
+{
+    const struct experiment_fault fault = experiment_fault(s->e, s->n_faults - s->e->plant.n_faults + i);
+    if (!s->plant_fault[i].held)
+        tell_instructor(s, &fault, FAULT_HELD);
+    s->plant_fault[i].held = true;
+}
+
+/* Returns whether it is to be, or was, off. */
+static bool drift_parameter(struct simulation *s, size_t i, bool acts, apc_ns since, double *p)
+{
+    const struct apc_param *limits = &s->e->plant.model->param[i - s->e->plant.model->nd];
+    const bool acted = s->plant_fault[i].acts;
+    const double to = *p + s->e->plant.fault[i].size * apc_ns_to_s(since);
+    if (acts)
+        *p = fmin(fmax(to, limits->low), limits->high);
+    if (acts && *p != to)
+        hold_drift(s, i);
+    return acts || acted;
+}
+
+/* From this tick on. */
 void simulation_break_plant(struct simulation *s)
 {
     const struct experiment *e = s->e;
@@ -166,14 +202,16 @@ void simulation_break_plant(struct simulation *s)
     for (size_t i = 0; i < e->plant.n_faults; i++) {
         const struct plant_fault *fault = &e->plant.fault[i];
         const bool acts = t >= fault->at && (fault->duration == 0 || t - fault->at < fault->duration);
-        if (i < nd && (acts || s->plant_fault_acts[i]))
+        s->plant_fault[i].held &= acts && t > fault->at;
+        if (i < nd && (acts || s->plant_fault[i].acts))
             (void)apc_plant_disturb(s->plant, i, acts ? fault->size : disturbance_at(e, i, t));
-        if (i >= nd && acts)
-            p[i - nd] += fault->size * apc_ns_to_s(t - fault->at);
-        drifts |= i >= nd && (acts || s->plant_fault_acts[i]);
-        s->plant_fault_acts[i] = acts;
+        if (i >= nd)
+            drifts |= drift_parameter(s, i, acts, t - fault->at, &p[i - nd]);
+        s->plant_fault[i].acts = acts;
     }
-    if (drifts)
-        (void)apc_plant_change(s->plant, p, NULL);
+    if (drifts && apc_plant_change(s->plant, p, NULL) < 0)
+        for (size_t i = nd; i < e->plant.n_faults; i++)
+            if (s->plant_fault[i].acts)
+                hold_drift(s, i);
     free(p);
 }

@@ -557,7 +557,7 @@ static int make_simulated_room(struct simulation *s)
                                      APC_PART(s->now, dim->nu),
                                      APC_PART(s->fault, s->n_faults),
                                      APC_PART(s->fault_row, s->n_faults),
-                                     APC_PART(s->plant_fault_acts, s->e->plant.n_faults)};
+                                     APC_PART(s->plant_fault, s->e->plant.n_faults)};
     s->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
     if (!s->memory || trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;

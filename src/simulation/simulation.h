@@ -103,8 +103,10 @@ struct simulation {
         bool waits;                 /* until its condition is true */
     } * fault;                      /* [n_faults] */
     struct apc_sample *fault_row;   /* [n_faults] */
-    bool faults_wait, breaks_plant; /* some do; some are of the plant itself, of which act: */
-    bool *plant_fault_acts;         /* [e->plant.n_faults] */
+    bool faults_wait, breaks_plant; /* some do; some are of the plant itself: */
+    struct simulated_plant_fault {
+        bool acts, held; /* held: at what the model takes at most */
+    } * plant_fault;     /* [e->plant.n_faults] */
 
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */

@@ -10,6 +10,7 @@
 enum rank {
     RANK_CLOCK,
     RANK_OPERATOR,
+    RANK_INSTRUCTOR, /* behind all that people wrote */
     RANK_RAMPS,
     RANK_SCHEDULER,
     RANK_PLANT,

@@ -120,6 +120,7 @@ export const de = {
   "faults.waits": "wartet",
   "faults.timed": "hat ihre Zeit",
   "faults.started": "begonnen {at}",
+  "faults.held": "an ihrer Grenze seit {at}",
   "faults.stopped": "beendet {at}",
   "faults.start": "{fault} beginnen",
   "faults.stop": "{fault} beenden",

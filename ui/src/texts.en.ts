@@ -119,6 +119,7 @@ export const en = {
   "faults.waits": "waits",
   "faults.timed": "has its time",
   "faults.started": "started at {at}",
+  "faults.held": "at its limit since {at}",
   "faults.stopped": "stopped at {at}",
   "faults.start": "Start {fault}",
   "faults.stop": "Stop {fault}",

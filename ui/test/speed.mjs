@@ -57,6 +57,8 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await fault.fill("y bias size=0.5 when=y > 1e6");
   await fault.press("Enter");
   await until("it waits", async () => /y bias size=0.5 when=y > 1000000: waits/.test(await strip(page).locator(".faults").textContent()));
+  await press(page, "Stop y bias"); // before it has begun
+  await until("it waits no more", async () => /y bias size=0.5 when=y > 1000000: stopped at/.test(await strip(page).locator(".faults").textContent()));
 
   await press(page, "10×");
   await until("it goes on", async () => (await time(page)) > begin + 5);

@@ -33,8 +33,11 @@ static void put_fault_state(struct print_table *t, const struct faults *f, size_
     else if (state == FAULT_TIMED)
         print_cell(t, PRINT_PLAIN, "at %.10g s", apc_ns_to_s(*experiment_fault(&f->e, i).at));
     else
-        print_cell(t, state == FAULT_STARTED ? PRINT_WARN : PRINT_PLAIN, "%s at %.10g s",
-                   fault_state_name(state), apc_ns_to_s(f->row[i].time - SIMULATION_BEGIN));
+        print_cell(t, state == FAULT_STOPPED ? PRINT_PLAIN : PRINT_WARN,
+                   state == FAULT_AT_LIMIT  ? "at its limit since %.10g s"
+                   : state == FAULT_STOPPED ? "stopped at %.10g s"
+                                            : "started at %.10g s",
+                   apc_ns_to_s(f->row[i].time - SIMULATION_BEGIN));
 }
 
 static int list_faults(const struct cli *cli, const struct faults *f)

@@ -390,6 +390,19 @@ for broken in 'y1 bias size=0.5 duration=2' 'y1 noise size=0.2 at=6' 'y2 frozen 
   expect 0 'starts' fault start $broken
 done
 expect 0 'plant power: starts at the next tick' fault start plant power
+speed step 5
+# One that is so already begins at once, although another one waits; no number is cut; no duration is for ever for being short; a
+# parameter goes as far as its model takes it, and no other one stays off for that.
+for broken in "y2 bias size=3.$(printf '%080d' 1)e-1 at=1" 'y2 noise size=0.1 duration=1e-12' 'A3 drift size=-1e6' 'A4 drift size=0.1'; do
+  # shellcheck disable=SC2086
+  expect 0 'starts' fault start $broken
+done
+speed step 3
+expect 0 'y2 +bias +size=0.3 at=1 +started at 5 s' fault
+expect 0 'A3 +drift +size=-1000000 +at its limit since 5.2 s' fault
+expect 0 '"signal":"A3","kind":"drift","settings":"size=-1000000","state":"held"' fault --json
+expect 0 '' fault stop A3 drift
+expect 0 '' fault stop A4 drift
 while read -r -u 3 broken wrong; do
   # shellcheck disable=SC2086
   expect 1 "$wrong" fault start ${broken//_/ }
@@ -403,6 +416,7 @@ y1_noise_size=-1 size=-1: must be 0 to
 v1_saturation_low=3_high=1 low=3: must be at most high=1
 v1_saturation_low=-30_high=1 low=-30: must be 0 to 10
 y1_stuck_when=y9_>_3 there is no signal "y9"
+y1_stuck_when=y1_>_1e308 the number must be below
 y1_stuck_when=y1_!_3 expected SIGNAL < NUMBER
 y1_stuck_when=alarm_none there is no alarm "none"
 END

@@ -187,7 +187,7 @@ export interface Fault {
   signal: string;
   kind: string;
   settings: string; // how somebody started it: size=2 when=y > 3
-  state: "waits" | "timed" | "started" | "stopped";
+  state: "waits" | "timed" | "started" | "stopped" | "held";
   since: number | null; // the plant's time at which somebody started or stopped it
 }
 

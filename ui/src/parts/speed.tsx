@@ -42,7 +42,7 @@ function Faults(): JSX.Element | null {
       <summary>{tr("faults.title")}</summary>
       <ul>
         {faults.map(one => {
-          const start = one.state !== "started";
+          const start = one.since == null || one.state === "stopped";
           return (
             <li key={one.number}>
               {`${one.signal} ${one.kind}${one.settings && ` ${one.settings}`}: `}
