@@ -310,6 +310,9 @@ void behind_json(const struct model *m, struct text *t); /* locked */
 
 /* ---- plant/simulated.c ---- */
 void model_look_simulated(struct model *m, struct apc_store *store);
+/* store_simulated(); one that begins, once somebody has gone back, is that of the simulated plant already. */
+int model_simulated(struct model *m, struct apc_store *store, struct apc_store_clock *clock,
+                    struct apc_error *why);
 void simulated_json(const struct model *m, struct text *t); /* locked */
 bool model_rewound(struct model *m);
 

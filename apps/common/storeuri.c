@@ -32,9 +32,7 @@ int store_simulated(struct apc_store *store, struct apc_store_clock *clock, stru
         return apc_fail(why, APC_ESTATE,
                         "nobody simulates the plant any more: its `apc run --speed` was ended, and its time "
                         "stands still");
-    return simulated == 0 || clock->reached >= 0
-               ? simulated
-               : apc_fail(why, APC_ESTATE, "nobody simulates the plant yet: its `apc run --speed` begins");
+    return simulated == 0 || clock->reached >= 0 ? simulated : apc_fail(why, APC_ESTATE, STORE_BEGINS);
 }
 
 bool store_follow(const char *uri)

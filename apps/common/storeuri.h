@@ -12,6 +12,7 @@
 /* apc_store_open(), but for the memory of this very process, which no other program would see. */
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why);
+#define STORE_BEGINS "nobody simulates the plant yet: its `apc run --speed` begins"
 /* Is the plant of a store one that `apc run --speed` simulates? 1; 0: its time is real; APC_ESTATE: nobody does yet, or
  * any more, and its time stands still; or the store's error. Sets the clock but for an error of the store's. */
 int store_simulated(struct apc_store *store, struct apc_store_clock *clock, struct apc_error *why);

@@ -20,12 +20,15 @@ static void give_fault_order(struct request *r, struct apc_store *store, const s
 
 /* Answers with all of them as they are, of a plant in real time with none; where @p fault is not NULL, after that was
  * written. */
-static void answer_faults(struct request *r, struct apc_store *store, const char *fault, bool start)
+static void answer_faults(struct ui *ui, struct request *r, struct apc_store *store, const char *fault,
+                          bool start)
 {
     struct apc_store_clock clock;
     struct faults f = {.n = 0};
     struct apc_error why;
-    int rc = store_simulated(store, &clock, &why);
+    int rc = fault ? model_simulated(&ui->model, store, &clock, &why) : store_simulated(store, &clock, &why);
+    if (rc > 0 && fault && clock.rewind > 0)
+        rc = apc_fail(&why, APC_ESTATE, "somebody takes the plant back: do this again once it stands there");
     if (rc == 0 && fault)
         fault_set(&r->fault, 409, "simulation", NULL, "the plant is not simulated: its time is real");
     else if (rc < 0 || (rc > 0 && (rc = faults_open(&f, store, &why)) < 0))
@@ -45,8 +48,7 @@ static void answer_faults(struct request *r, struct apc_store *store, const char
 
 void get_faults(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    (void)ui;
-    answer_faults(r, store, NULL, false);
+    answer_faults(ui, r, store, NULL, false);
 }
 
 void post_fault(struct ui *ui, struct request *r, struct apc_store *store)
@@ -61,7 +63,7 @@ void post_fault(struct ui *ui, struct request *r, struct apc_store *store)
     else if (body && !json_is_boolean(start))
         fault_set(&r->fault, 400, "json", "start", "\"start\" must be true or false");
     else if (body && request_may_write(ui, r))
-        answer_faults(r, store, json_is_string(fault) ? json_string_value(fault) : number,
+        answer_faults(ui, r, store, json_is_string(fault) ? json_string_value(fault) : number,
                       json_is_true(start));
     json_decref(body);
 }

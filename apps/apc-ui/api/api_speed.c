@@ -63,11 +63,12 @@ static int give_speed_order(struct apc_store *store, const struct speed_order *o
                          : apc_store_set_speed(store, o->speed, (uint64_t)o->steps);
 }
 
-static void set_asked_speed(struct request *r, const struct speed_order *o, struct apc_store *store)
+static void set_asked_speed(struct ui *ui, struct request *r, const struct speed_order *o,
+                            struct apc_store *store)
 {
     struct apc_store_clock clock;
     struct apc_error why;
-    int rc = store_simulated(store, &clock, &why);
+    int rc = model_simulated(&ui->model, store, &clock, &why);
     if (rc == APC_ESTATE)
         fault_set(&r->fault, 409, "simulation", NULL, "%.200s", why.text);
     else if (rc == 0)
@@ -93,7 +94,7 @@ void post_speed(struct ui *ui, struct request *r, struct apc_store *store)
     if (rc < 0)
         fault_store(r, rc, store);
     else
-        set_asked_speed(r, &o, store);
+        set_asked_speed(ui, r, &o, store);
     if (r->fault.http)
         return;
     model_look_simulated(&ui->model, store);

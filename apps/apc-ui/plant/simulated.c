@@ -19,6 +19,16 @@ void model_look_simulated(struct model *m, struct apc_store *store)
     pthread_mutex_unlock(&m->mutex);
 }
 
+int model_simulated(struct model *m, struct apc_store *store, struct apc_store_clock *clock,
+                    struct apc_error *why)
+{
+    const int rc = store_simulated(store, clock, why);
+    pthread_mutex_lock(&m->mutex);
+    const bool was = m->simulated.latest > 0;
+    pthread_mutex_unlock(&m->mutex);
+    return rc == 0 && was ? apc_fail(why, APC_ESTATE, STORE_BEGINS) : rc;
+}
+
 bool model_rewound(struct model *m)
 {
     pthread_mutex_lock(&m->mutex);

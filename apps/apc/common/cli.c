@@ -149,8 +149,10 @@ void cli_find_store(struct cli *cli)
         cli->store = uri;
     }
     const size_t live = apc_store_live(cli->store);
-    if (cli->store[live] && runstore_gone(cli->store))
+    if (cli->store[live] && runstore_gone(cli->store)) {
+        cli->stores = cli->store;
         cli->store += live + 1;
+    }
     store_follow(cli->store);
 }
 

@@ -31,6 +31,8 @@ enum cli_takes {
 struct cli {
     const char *command; /* "apc get": for messages */
     const char *store;
+    const char
+        *stores; /* LIVE+HISTORY, where that has become the history, because the run has ended or goes back */
     const char *folder; /* of the run whose stores these are, where it was given; else NULL */
     bool no_wait;       /* for what becomes of a write */
     const char *reason; /* of a write; NULL: none */

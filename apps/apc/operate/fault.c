@@ -116,9 +116,9 @@ int command_fault(int argc, char **argv)
     struct cli cli;
     cli_parse(&cli, &spec, NULL, argc, argv);
     int rc = exit_code_of(cli_open(&cli, &store));
-    int err = rc == EXIT_OK ? store_simulated(store, &clock, &why) : 0;
-    if (rc == EXIT_OK && err == 0)
-        err = apc_fail(&why, APC_ESTATE, "the plant is not simulated: its time is real");
+    int err = rc == EXIT_OK ? operate_simulated(&cli, &store, &clock, &why) : 0;
+    if (err > 0 && cli.n_args > 0 && clock.rewind > 0)
+        err = apc_fail(&why, APC_ESTATE, "somebody takes the plant back: do this again once it stands there");
     if (err > 0)
         err = faults_open(&f, store, &why);
     if (err < 0)

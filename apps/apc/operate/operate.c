@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "apc/common/print.h"
+#include "apc/folder/runstore.h"
 #include "common/storeuri.h"
 #include "files/files.h"
 
@@ -124,6 +125,32 @@ static void show_change(const struct operation *o, size_t i, const char *group, 
 static const char *group_of(const struct operation *o)
 {
     return o->group && operation_is_one(o) ? o->group : NULL;
+}
+
+int operate_again(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
+                  struct apc_error *why)
+{
+    const bool back = cli->stores && !runstore_gone(cli->stores);
+    const char *uri = back ? cli->stores : cli->store;
+    int rc;
+    apc_store_close(*store);
+    *store = NULL;
+    rc = store_open(store, uri, NULL, why);
+    return rc < 0 ? rc : store_simulated(*store, clock, why);
+}
+
+int operate_simulated(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
+                      struct apc_error *why)
+{
+    const apc_ns began = apc_clock_mono(NULL);
+    int rc = store_simulated(*store, clock, why);
+    while (rc <= 0 && clock->reached >= 0 && apc_clock_mono(NULL) - began < APC_NS_PER_S) {
+        pause_for(10 * APC_NS_PER_MS);
+        rc = operate_again(cli, store, clock, why);
+    }
+    if (rc > 0 && cli->stores)
+        (void)store_follow(cli->stores);
+    return rc != 0 ? rc : apc_fail(why, APC_ESTATE, "the plant is not simulated: its time is real");
 }
 
 int operate_still(struct apc_store *store, struct apc_error *why)

@@ -26,6 +26,13 @@ int operate_find_any(const struct cli *cli, const struct plant_view *plant, cons
 /* Wait until each controller of it ticks, or one is known not to; as long as the simulation is paused it is not waited
  * for. Returns an exit code, its reason told. */
 int operate_ready(const struct cli *cli, struct apc_store *store, struct operation *o);
+/* store_simulated() of the next store of that name, once somebody has gone back. */
+int operate_again(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
+                  struct apc_error *why);
+/* As store_simulated(), but above 0 or an error; a store that begins, for a moment none of a simulated plant, is waited
+ * for. */
+int operate_simulated(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
+                      struct apc_error *why);
 /* Of a plant whose time stands still nothing can be awaited: 1, it is paused; negative: nobody simulates it. */
 int operate_still(struct apc_store *store, struct apc_error *why);
 #define OPERATE_PAUSED " (written: the simulation is paused, its next tick applies it)"

@@ -31,16 +31,14 @@ static const struct cli_spec spec = {
     .max_args = 2,
 };
 
-static int show_speed(const struct cli *cli, struct apc_store *store)
+static int show_speed(const struct cli *cli, struct apc_store **store)
 {
     struct apc_store_clock clock;
     struct apc_error why;
     char asked[SPEED_TEXT], time[APC_TIME_LEN];
-    const int rc = store_simulated(store, &clock, &why);
+    const int rc = operate_simulated(cli, store, &clock, &why);
     if (rc < 0)
         return cli_error(cli, rc, "%s", why.text);
-    if (rc == 0)
-        return cli_error(cli, APC_ESTATE, "the plant is not simulated: its time is real");
     if (clock.asked == 0)
         clock.reached = 0;
     if (cli->format == CLI_JSON) {
@@ -77,24 +75,13 @@ static int wait_for_steps(const struct cli *cli, struct apc_store *store)
     }
 }
 
-/* In the next store of that name, once somebody has gone back. */
-static int open_simulated(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
-                          struct apc_error *why)
-{
-    int rc;
-    apc_store_close(*store);
-    *store = NULL;
-    rc = store_open(store, cli->store, NULL, why);
-    return rc < 0 ? rc : store_simulated(*store, clock, why);
-}
-
 /* Until it stands there, and nobody takes it back. */
 static int await_return(const struct cli *cli, struct apc_store **store, struct apc_store_clock *clock,
                         struct apc_error *why)
 {
     apc_ns since = apc_clock_mono(NULL), was = 0;
     for (;;) {
-        const int rc = open_simulated(cli, store, clock, why);
+        const int rc = operate_again(cli, store, clock, why);
         if (rc > 0 && clock->rewind == 0 && !isinf(clock->asked))
             return 0;
         if (rc > 0 && clock->now != was)
@@ -123,15 +110,7 @@ static int return_plant(const struct cli *cli, struct apc_store **store, apc_ns 
 {
     struct apc_store_clock clock;
     apc_ns tick = 0;
-    const apc_ns began = apc_clock_mono(NULL);
-    int rc = store_simulated(*store, &clock, why);
-    while (rc <= 0 && clock.reached >= 0 &&
-           apc_clock_mono(NULL) - began < APC_NS_PER_S) { /* one that begins is not yet */
-        nanosleep(&(struct timespec){.tv_nsec = 10 * APC_NS_PER_MS}, NULL);
-        rc = open_simulated(cli, store, &clock, why);
-    }
-    if (rc == 0)
-        return apc_fail(why, APC_ESTATE, "the plant is not simulated: its time is real");
+    int rc = operate_simulated(cli, store, &clock, why);
     if (rc < 0 && clock.reached >= 0) /* nobody does any more */
         return rc;
     if (rc < 0 || clock.rewind > 0)
@@ -182,17 +161,17 @@ static int read_speed_arguments(const struct cli *cli, double *speed, uint64_t *
     return speed_parse(first, speed, &why) < 0 ? cli_usage(cli, "%s", why.text) : EXIT_OK;
 }
 
-static int set_speed(const struct cli *cli, struct apc_store *store, double speed, uint64_t steps)
+static int set_speed(const struct cli *cli, struct apc_store **store, double speed, uint64_t steps)
 {
     struct apc_store_clock clock;
     struct apc_error why;
-    int rc = store_simulated(store, &clock, &why);
+    int rc = operate_simulated(cli, store, &clock, &why);
     if (rc < 0)
         return cli_error(cli, rc, "%s", why.text);
-    rc = apc_store_set_speed(store, speed, steps);
+    rc = apc_store_set_speed(*store, speed, steps);
     if (rc < 0)
-        return cli_store_error(cli, rc, store);
-    return steps > 0 ? wait_for_steps(cli, store) : EXIT_OK;
+        return cli_store_error(cli, rc, *store);
+    return steps > 0 ? wait_for_steps(cli, *store) : EXIT_OK;
 }
 
 int command_speed(int argc, char **argv)
@@ -207,8 +186,8 @@ int command_speed(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
-        rc = cli.n_args == 0 ? show_speed(&cli, store)
-             : back < 0      ? set_speed(&cli, store, speed, steps)
+        rc = cli.n_args == 0 ? show_speed(&cli, &store)
+             : back < 0      ? set_speed(&cli, &store, speed, steps)
                              : rewind_plant(&cli, &store, back);
     apc_store_close(store);
     return cli_done(&cli, rc);
