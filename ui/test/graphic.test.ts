@@ -169,6 +169,8 @@ test("a trend has several signals and a span, what moves says how far", () => {
   assert.deepEqual([trend?.names, trend?.how, trend?.span], [["y1", "y2"], "trend", 3600]);
   assert.deepEqual(["1e9", "-5", "x"].map(span => only([el("rect", {"data-apc": "y1", "data-apc-as": "trend", "data-apc-span": span})]).bound?.span), [86400, 10, 600]);
   assert.equal(only([el("rect", {"data-apc": Array.from({length: 99}, (_, i) => `y${i}`).join(" "), "data-apc-as": "trend"})]).bound?.names.length, 6);
+  assert.deepEqual(only([el("rect", {"data-apc": " ,y1, ", "data-apc-as": "trend"})]).bound?.names, ["y1"]);
+  assert.deepEqual((drawing(file([el("rect", {"data-apc": "a b c d e f g h", "data-apc-as": "trend"})])) as Drawing).left.map(one => one.what), ['data-apc="g"', 'data-apc="h"']);
   const moving = (how: string, to: string): unknown => only([el("g", {"data-apc": "y1", "data-apc-as": how, "data-apc-to": to})]).bound?.by ?? null;
   assert.deepEqual([moving("move", "100 -2.5"), moving("turn", "-90")], [[100, -2.5], [-90]]);
   assert.deepEqual([moving("move", "100"), moving("move", ""), moving("turn", "90 1"), moving("turn", "x"), moving("move", "1 1e999")], [null, null, null, null, null]);

@@ -167,6 +167,7 @@ test("the server's sentences are worded in German, whatever they are put togethe
     "plant lost, trying again: not connected": "Anlage verloren, neuer Versuch: nicht verbunden",
     "plant connected": "Anlage verbunden",
     "r: 10 -> 12 (from 127.0.0.1): out of service": "r: 10 -> 12 (von 127.0.0.1): out of service",
+    "r: 10 -> 12: constructor": "r: 10 -> 12: constructor", // which every object has
     "r: 10 -> 12 over 600 s (from ::1)": "r: 10 -> 12 in 600 s (von ::1)",
     "u mode: Auto -> Man (undo) (from ::1)": "u Betriebsart: Automatik -> Hand (rückgängig) (von ::1)",
     "y.high: acknowledged (from ::1): seen": "y.high: quittiert (von ::1): seen",

@@ -222,7 +222,7 @@ class Reader {
 
   private bound(of: Given, tag: string): Bound | null {
     const said = new Map(Array.from(of.attributes ?? []).map(one => [one.name, one.value.trim()]));
-    const name = said.get("data-apc");
+    const name = (said.get("data-apc") ?? "").replace(/^[\s,]+|[\s,]+$/g, "");
     if (!name) return null;
     const letters = tag === "text" || tag === "tspan";
     const asked = said.get("data-apc-as") ?? (letters ? "text" : tag === "rect" ? "bar" : "state");
@@ -238,7 +238,8 @@ class Reader {
       this.drop(`data-apc-to="${to.slice(0, 20)}"`);
       return null;
     }
-    const names = how === "trend" ? [...new Set(name.split(/[\s,]+/))].slice(0, MOST_CURVES) : [name];
+    const names = how === "trend" ? [...new Set(name.split(/[\s,]+/))] : [name];
+    for (const one of names.splice(MOST_CURVES)) this.drop(`data-apc="${one.slice(0, 20)}"`);
     for (const one of names) if (!this.names.includes(one)) this.names.push(one);
     const end = (what: string): number | null => {
       const value = said.get(what);

@@ -61,7 +61,7 @@ onSample((ref, [, t, value, status]) => {
     if (!one.curve) continue;
     one.curve.take(t, value, status, t - one.span);
     one.shown.value = {...one.curve.series};
-    if (one.curve.whole && one.curve.series.t.length > MOST) fill(one);
+    if (one.curve.whole && !one.curve.error && one.curve.series.t.length > MOST) fill(one); // what failed is asked again by itself
   }
 });
 

@@ -66,7 +66,7 @@ function patternOf([english, to]: [string, string]): Pattern {
   };
 }
 
-const read = (exact: Record<string, string>): Sentences => ({exact, patterns: Object.entries(exact).filter(([english]) => HOLE.test(english)).map(patternOf), said: new Map()});
+const read = (exact: Record<string, string>): Sentences => ({exact: Object.assign(Object.create(null), exact), patterns: Object.entries(exact).filter(([english]) => HOLE.test(english)).map(patternOf), said: new Map()});
 const SENTENCES: Partial<Record<Language, Sentences>> = {de: read(germanSentences)};
 
 /** Does the page word what the server says? */

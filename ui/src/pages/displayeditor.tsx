@@ -286,7 +286,11 @@ function Properties({of, plant: p, all, change, move}: Its): JSX.Element {
       {of.kind !== "text" && (
         <label>
           {tr("common.signal")}{" "}
-          <select name="signal" multiple={several} size={several ? 8 : undefined} onChange={event => change({signal: Array.from(event.currentTarget.selectedOptions, one => one.value).slice(0, several ? MOST_CURVES : 1).join(" ")})}>
+          <select name="signal" multiple={several} size={several ? 8 : undefined} onChange={event => {
+            const picked = Array.from(event.currentTarget.selectedOptions);
+            for (const one of picked.splice(MOST_CURVES)) one.selected = false;
+            change({signal: picked.map(one => one.value).join(" ")});
+          }}>
             {!several && <option value="">–</option>}
             {chosen.filter(name => !names.includes(name)).map(name => <option key={name} value={name} selected>{name} ?</option>)}
             {names.map(name => <option key={name} value={name} selected={chosen.includes(name)}>{name}</option>)}

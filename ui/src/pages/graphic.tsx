@@ -181,7 +181,7 @@ function Piece({of, scene}: {of: Part; scene: Scene}): JSX.Element {
   if (!one) return h(of.tag, {...of.attributes, class: "unknown-signal"}, bound.how === "text" ? "?" : children);
   if (bound.how === "show") return <Appearing of={of} signal={one}>{children}</Appearing>;
   if (bound.how === "bar") return <Level of={of} bound={bound} signal={one} mark={scene.mark} />;
-  if (bound.how === "move" || bound.how === "turn") return <Moving bound={bound} signal={one}><State of={of} signal={one} scene={scene}>{children}</State></Moving>;
+  if (bound.how === "move" || bound.how === "turn") return <Moving of={of} bound={bound} signal={one} scene={scene}>{children}</Moving>;
   return bound.how === "text" ? <Said of={of} signal={one} scene={scene} /> : <State of={of} signal={one} scene={scene}>{children}</State>;
 }
 
@@ -204,11 +204,12 @@ function usePlace(bound: Bound, one: Variable): {now: Live; scale: Scale | null;
   return {now, scale, unknown, at: unknown || !scale ? null : placeOn(scale, now.value as number)};
 }
 
-/** As far as its signal is on its scale; where that is not known, as it was drawn. */
-function Moving({bound: {how, by: [x = 0, y = 0]}, bound, signal: one, children}: {bound: Bound; signal: Variable; children: ComponentChildren}): JSX.Element {
+/** As far as its signal is on its scale; where that is not known, as it was drawn. What turns does so about its own middle, whatever stands beside it. */
+function Moving({of, bound: {how, by: [x = 0, y = 0]}, bound, signal: one, scene, children}: {of: Part; bound: Bound; signal: Variable; scene: Scene; children: ComponentChildren}): JSX.Element {
   const at = usePlace(bound, one).at?.at ?? 0;
   const short = (n: number): number => Number((n * at).toFixed(3));
-  return how === "move" ? <g transform={`translate(${short(x)} ${short(y)})`}>{children}</g> : <g class="turning" style={{transform: `rotate(${short(x)}deg)`}}>{children}</g>;
+  const state = (turned?: number): JSX.Element => <State of={of} signal={one} scene={scene} turned={turned}>{children}</State>;
+  return how === "move" ? <g transform={`translate(${short(x)} ${short(y)})`}>{state()}</g> : state(short(x));
 }
 
 /** What its signals did, within its rectangle; it leads to their trend. */
@@ -227,10 +228,13 @@ function Trend({of, bound, signals, scene, scene: {plant: p}}: {of: Part; bound:
     trace(holds(one) && !live(one.ref).value.stale ? held(series, knownUntil()) : series, holds(one), goes("M"), goes("L"));
     return d;
   };
-  const says = (one: Variable): string => `${one.name} ${told(one.ref, live(one.ref).value.value)} ${one.unit}`.trim();
+  const says = (one: Variable): string => {
+    const now = live(one.ref).value;
+    return [`${one.name} ${told(one.ref, now.value)} ${one.unit}`.trim(), qualityOf(one, now).why].filter(Boolean).join(", ");
+  };
   const span = SPANS.find(known => known.span === bound.span)?.name ?? duration(bound.span);
   const label = tr("graphic.trend", {names: signals.map(says).join(", "), span});
-    const shown = (
+  const shown = (
     <>
       {h("rect", frame as never)}
       <svg {...box}>{scale && signals.map((one, i) => <path key={one.ref} class="curve" d={curve(one, scale)} style={{stroke: `var(--pen-${i + 1})`}} data-ref={one.ref} />)}</svg>
@@ -291,14 +295,18 @@ function useAlarm(ref: Ref): Alarm | null {
   return worstOf({refs: [ref, ...(loop ? [loop.mode.target, loop.mode.actual, loop.manual] : [])]}, useCell(marks));
 }
 
+function qualityOf(one: Variable, now: Live): {what: string; why: string} {
+  const what = now.value == null ? "none" : worth(now.status) === "bad" ? "bad" : now.stale ? "stale" : worth(now.status);
+  return {what, why: what === "bad" || what === "uncertain" ? words(now.status) : what === "stale" ? tr("parts.old", {time: duration(now.age)}) : what === "none" && one.period != null ? tr("parts.noSample") : ""};
+}
+
 function useWords(one: Variable): {text: string; label: string; kind: string; alarm: Alarm | null} {
   const now = useCell(live(one.ref));
   const alarm = useAlarm(one.ref);
   const p = useCell(plant);
   const mode = one.table === "opmode" || one.table === "actual" ? (p?.modes[now.value ?? -1] ?? null) : null;
   const value = now.value == null ? missing : (mode && known("mode", mode)) ?? `${told(one.ref, now.value)}${one.unit ? ` ${one.unit}` : ""}`;
-  const what = now.value == null ? "none" : worth(now.status) === "bad" ? "bad" : now.stale ? "stale" : worth(now.status);
-  const why = what === "bad" || what === "uncertain" ? words(now.status) : what === "stale" ? tr("parts.old", {time: duration(now.age)}) : what === "none" && one.period != null ? tr("parts.noSample") : "";
+  const {what, why} = qualityOf(one, now);
   const about = [described(one), one.name].filter(Boolean).join(", ");
   const glyph = alarm ? `${GLYPHS[alarm.priority]}${alarm.priority} ` : "";
   return {text: why ? `${value}, ${why}` : value, label: `${about}: ${glyph}${value}${why ? `, ${why}` : ""}${alarm ? `, ${tr("graphic.alarm", {alarm: alarm.alarm, priority: alarm.priority})}` : ""}`, kind: what, alarm};
@@ -339,7 +347,7 @@ function Drawn({of, x, y, size}: {of: Alarm; x: number; y: number; size: number}
 }
 
 /** Whatever it is, marked while an alarm of its signal stands, and where that is not good. */
-function State({of, signal: one, scene, children}: {of: Part; signal: Variable; scene: Scene; children: ComponentChildren}): JSX.Element {
+function State({of, signal: one, scene, turned, children}: {of: Part; signal: Variable; scene: Scene; turned?: number; children: ComponentChildren}): JSX.Element {
   const {label, kind, alarm} = useWords(one);
   const element = useRef<SVGGraphicsElement>(null);
   const [corner, setCorner] = useState<{x: number; y: number} | null>(null);
@@ -349,14 +357,14 @@ function State({of, signal: one, scene, children}: {of: Part; signal: Variable; 
     const {x, y, width} = element.current.getBBox();
     setCorner({x: x + width, y});
   }, [alarm?.id]);
-  return (
-    <g transform={transform}>
-      <Go of={one} scene={scene} label={label}>
-        {h(of.tag, {...rest, ref: element, class: `state ${kind}${alarm ? ` alarmed p${alarm.priority}` : ""}`, "data-ref": one.ref} as never, children)}
-      </Go>
-      {alarm && corner && <Drawn of={alarm} x={corner.x - scene.mark / 2} y={corner.y - scene.mark / 2} size={scene.mark} />}
-    </g>
+  const shown = (
+    <Go of={one} scene={scene} label={label}>
+      {h(of.tag, {...rest, ref: element, class: `state ${kind}${alarm ? ` alarmed p${alarm.priority}` : ""}`, "data-ref": one.ref} as never, children)}
+    </Go>
   );
+  const mark = alarm && corner && <Drawn of={alarm} x={corner.x - scene.mark / 2} y={corner.y - scene.mark / 2} size={scene.mark} />;
+  if (turned == null) return <g transform={transform}>{shown}{mark}</g>;
+  return <><g class="turning" style={{transform: `rotate(${turned}deg)`}}><g transform={transform}>{shown}</g></g><g transform={transform}>{mark}</g></>;
 }
 
 function Signals({of}: {of: Variable[]}): JSX.Element {
