@@ -254,8 +254,10 @@ static bool take_raised(struct notifier *n, struct raised *raised, unsigned long
         n->count--;
         some = !raised->late || n->later[raised->row.id - 1].row.seq == raised->row.seq;
     }
-    *dropped = n->dropped;
-    n->dropped = 0;
+    if (some) {
+        *dropped = n->dropped;
+        n->dropped = 0;
+    }
     pthread_mutex_unlock(&n->mutex);
     return some;
 }
@@ -326,9 +328,22 @@ int notifier_start(struct notifier **out, struct daemon *d, const struct alarm_n
     return 0;
 }
 
+/* Under mutex. What is due and not told yet, as an earlier alarm's command still runs; NULL: there is none. What
+ * take_raised() is to leave out stays in its place until then. */
+static struct raised *find_untold(struct notifier *n, const struct apc_sample *row)
+{
+    for (size_t i = 0; i < n->count; i++) {
+        struct raised *waits = &n->waiting[(n->first + i) % WAITING];
+        if (waits->late && !waits->again && waits->row.id == row->id && waits->row.seq == row->seq)
+            return waits;
+    }
+    return NULL;
+}
+
 void notifier_tell(struct notifier *n, const struct apc_sample *row, bool again)
 {
     const struct raised raised = {.row = *row, .again = again, .late = n->is->after > 0};
+    struct raised *later = &n->later[row->id - 1];
     const uint64_t one = 1;
     if (n->d->experiment.alarm[row->id - 1].is.priority > n->is->priority)
         return;
@@ -336,20 +351,15 @@ void notifier_tell(struct notifier *n, const struct apc_sample *row, bool again)
                  left = stood < n->is->after ? n->is->after - stood : 0,
                  wait = left + alarm_notice_quiet(n->is, utc + left);
     pthread_mutex_lock(&n->mutex);
-    plan_notification(n, &raised, wait);
+    /* Raised anew before anybody acknowledged it, it has waited since it was raised first. */
+    const bool planned = later->due > 0 && !later->again;
+    struct raised *untold = planned ? later : find_untold(n, &later->row);
+    if (untold)
+        untold->row = later->row = *row;
+    else
+        plan_notification(n, &raised, wait);
     pthread_mutex_unlock(&n->mutex);
     (void)!write(n->wake, &one, sizeof one);
-}
-
-/* Under mutex. An earlier alarm's command still runs; take_raised() leaves out what is not to be told then. */
-static bool waits_untold(const struct notifier *n, const struct apc_sample *row)
-{
-    for (size_t i = 0; i < n->count; i++) {
-        const struct raised *waits = &n->waiting[(n->first + i) % WAITING];
-        if (waits->late && !waits->again && waits->row.id == row->id && waits->row.seq == row->seq)
-            return true;
-    }
-    return false;
 }
 
 void notifier_follow(struct notifier *n, const struct apc_sample *row)
@@ -361,7 +371,7 @@ void notifier_follow(struct notifier *n, const struct apc_sample *row)
         later->row.value = row->value;
     else
         *later = (struct raised){.due = 0};
-    const bool spared = later->row.seq == 0 && (was.again ? waits_untold(n, &was.row) : was.due > 0);
+    const bool spared = later->row.seq == 0 && (was.again ? find_untold(n, &was.row) != NULL : was.due > 0);
     pthread_mutex_unlock(&n->mutex);
     if (spared)
         record_telling(n, &was, "was not told: it was acknowledged or masked before");
