@@ -30,8 +30,8 @@ MADE = {
         "__getitem__": ("y",), "__setitem__": ("r", 5.0)}),
     "Store": ("ran().store", {
         "tag": ("y",), "read": ("y",), "read_all": (["y"],), "history": ("y", 0, 0, 0, 0), "vectors": ("tick.1", 0, 0, 0, 0),
-        "at": (0,), "why": ("u", 0, 1.0), "events": (0, 0, 0, 0), "write": ("r", 5.0, "Ann", False, False, 60.0), "stop": ("r", "Ann", False),
-        "mode": ("u", "Man", "Ann", False), "log": ("cleaned", "y", "Ann", False), "retake": (0, ["r"], False, "Ann", False, False),
+        "at": (0,), "why": ("u", 0, 1.0), "report": (0, 0), "events": (0, 0, 0, 0), "write": ("r", 5.0, "Ann", False, False, 60.0),
+        "stop": ("r", "Ann", False), "mode": ("u", "Man", "Ann", False), "log": ("cleaned", "y", "Ann", False), "retake": (0, ["r"], False, "Ann", False, False),
         "acknowledge": ("r.high", "", "Ann", 0, False), "shelve": ("r.high", 1.0, False, "", "Ann", False)}),
     "Table": ("ran().store.history('y').table()", {"__getitem__": ("value",), "__arrow_c_stream__": (None,)}),
     "History": ("ran().store.history('y')", {}),

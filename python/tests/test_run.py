@@ -69,6 +69,35 @@ def test_a_run_is_a_tidy_table(folder):
     assert t["mode"].tolist() == 3 * [None] + 7 * ["Auto"] + 1 * ["Auto"] + 4 * ["Man"]
 
 
+# Promise(page): The same page is a text in Python, of a run folder and of a store, by the program that writes it.
+def test_a_report_is_the_page_of_the_command_line(folder, monkeypatch):
+    page = apc.open_run(folder).report()
+    assert page.startswith("<!doctype html>") and page.endswith("</html>\n") and "<h1>Report loop</h1>" in page
+    with pytest.raises(apc.InvalidError, match="the window is empty"):
+        apc.open_run(folder).report(since=3, until=2)
+    with pytest.raises(apc.InvalidError, match='--to "-1": must be s since'):
+        apc.open_run(folder).report(until=-1)
+    monkeypatch.setenv("APC_STORE", "sqlite:/of/another/plant")  # is not asked
+    with apc.Store(f"sqlite:{folder}/of 'one'.db") as store:
+        store.init()
+        apc.Experiment("loop.conf", TEXT).provision(store)
+        for since in ("2026-01-31T12:00", np.datetime64("2026-01-31T12:00"), 1769860800 * 10**9):
+            assert "From 2026-01-31 " in store.report(since, until="2026-01-31T18:00")
+        with pytest.raises(apc.InvalidError, match="the window is empty"):
+            store.report(until="2026-01-31", since="2026-01-31")
+        with pytest.raises(apc.StateError, match="cannot reach this store"):
+            store.at("2026-01-31").report()
+    with apc.Store("mem:") as store, pytest.raises(apc.StateError, match="cannot reach this store"):
+        store.report()
+    (folder / "samples.csv").unlink()
+    with pytest.raises(apc.Error, match="^[^:]*/samples.csv: No such file.*: apc report "):
+        apc.open_run(folder).report()
+    monkeypatch.setattr("libapc.report.__file__", "/nowhere/report.py")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(apc.NotFoundError, match="the program apc, which is not in PATH"):
+        apc.open_run(folder).report()
+
+
 def test_numbers_are_read_to_the_last_digit(folder):
     pick = random.Random(7)
     values = [pick.uniform(-1, 1) * 10.0 ** pick.randrange(-320, 299) for _ in range(20000)]

@@ -431,7 +431,8 @@ int page_table(FILE *out, struct print_table *table)
 struct page_events {
     FILE *out;
     bool (*is)(const struct apc_event *event);
-    char *(*time)(apc_ns utc, char text[PRINT_LEN]);
+    char *(*time)(const void *ctx, apc_ns utc, char text[PRINT_LEN]);
+    const void *ctx;
     size_t most, n;
 };
 
@@ -446,7 +447,7 @@ static int put_event_row(void *ctx, const struct apc_event *event)
                 "<tbody>\n<tr>"
               : "<tr>",
           p->out);
-    page_cell(p->out, "td", PRINT_LEFT, p->time(event->time, time));
+    page_cell(p->out, "td", PRINT_LEFT, p->time(p->ctx, event->time, time));
     page_cell(p->out, "td", PRINT_LEFT, event->source);
     page_cell(p->out, "td", PRINT_LEFT, !strcmp(event->kind, "log") ? "entry" : event->kind);
     page_cell(p->out, "td", PRINT_LEFT, event->text);
@@ -455,10 +456,11 @@ static int put_event_row(void *ctx, const struct apc_event *event)
 }
 
 int page_events(FILE *out, struct apc_store *store, const struct apc_range *range,
-                bool (*is)(const struct apc_event *event), char *(*time)(apc_ns utc, char text[PRINT_LEN]),
+                bool (*is)(const struct apc_event *event),
+                char *(*time)(const void *ctx, apc_ns utc, char text[PRINT_LEN]), const void *ctx,
                 size_t most)
 {
-    struct page_events p = {out, is, time, most, 0};
+    struct page_events p = {out, is, time, ctx, most, 0};
     const int rc = apc_store_events(store, range, put_event_row, &p);
     fputs(p.n > 0 ? "</tbody>\n</table>\n" : "<p>None</p>\n", out);
     page_left_out(out, p.n, most);

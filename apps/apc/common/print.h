@@ -106,10 +106,11 @@ void page_begin(FILE *out, const char *what, const char *name);
 void page_text(FILE *out, const char *text);
 /* Of a table that has rows, which is closed. A column in which no row has anything is left out. Returns 0 or APC_ENOMEM. */
 int page_table(FILE *out, struct print_table *table);
-/* Those events of a range, at most so many, their times as @p time says them. Returns how many
+/* Those events of a range, at most so many, their times as @p time says them with @p ctx. Returns how many
  * there are, or the store's error. */
 int page_events(FILE *out, struct apc_store *store, const struct apc_range *range,
-                bool (*is)(const struct apc_event *event), char *(*time)(apc_ns utc, char text[PRINT_LEN]),
+                bool (*is)(const struct apc_event *event),
+                char *(*time)(const void *ctx, apc_ns utc, char text[PRINT_LEN]), const void *ctx,
                 size_t most);
 /* Says so, where there are more. */
 void page_left_out(FILE *out, size_t n, size_t most);

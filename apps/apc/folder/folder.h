@@ -50,6 +50,11 @@ void folder_discard(const char *dir, const struct experiment *e);
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
                   double ended, apc_ns since, apc_ns until, struct apc_error *why);
 
+/* What the files of @p dir hold as a store in memory, t = 0 at @p zero: samples, modes, tuning, events, what laws
+ * published; not the alarms' journal, which no file has. Returns 0 or a negative error; to be closed in either case. */
+int folder_store(struct apc_store **store, const char *dir, const struct experiment *e, apc_ns zero,
+                 struct apc_error *why);
+
 #define COLUMNS_FILE "samples.columns"
 
 /* Make samples.columns of samples.csv: what Python reads faster. Where it cannot be there is none. */

@@ -52,12 +52,18 @@ static int name_of_plant(struct apc_store *store, char name[APC_TAG_LEN], struct
     return rc < 0 ? rc : 0;
 }
 
+static char *log_time(const void *ctx, apc_ns utc, char text[PRINT_LEN])
+{
+    (void)ctx;
+    return print_second(utc, text);
+}
+
 static int put_log_page(struct apc_store *store, const char *plant, const struct apc_range *range)
 {
     char from[PRINT_LEN], to[PRINT_LEN];
     page_begin(stdout, "Log book", plant);
     printf("<p>From %s to %s, UTC</p>\n", print_second(range->since, from), print_second(range->until, to));
-    const int n = page_events(stdout, store, range, logbook_is_entry, print_second, SIZE_MAX);
+    const int n = page_events(stdout, store, range, logbook_is_entry, log_time, NULL, SIZE_MAX);
     printf("<p>Entries: %d</p>\n</body>\n</html>\n", n);
     return n;
 }

@@ -21,6 +21,7 @@
 #include "common/storeuri.h"
 #include "experiment/experiment.h"
 #include "report.h"
+#include "simulation/simulation.h"
 
 #define ROWS 60 /* of figures */
 #define DAY  (86400 * APC_NS_PER_S)
@@ -43,11 +44,10 @@ static const struct option_spec own_options[] = {
      "curves in report.png",
      OPTION_TEXT, AT(at)},
     {"html", 0, "FILE",
-     "Write a report as a page for paper: the loops' KPIs and trends, outages, alarms, log book, what people "
-     "wrote, what "
-     "else happened. Of --store, or of the run's store. FILE may be a folder, and the page then has the name "
-     "of plant and "
-     "day; -: stdout",
+     "Write a report as a page for paper: the loops' KPIs and trends, predictions, outages, alarms, "
+     "log book, what people wrote, what else happened. Of --store, or of the run's store; of a run "
+     "without one of its files, --from and --to in s. FILE may be a folder, and the page then has the "
+     "name of plant and day; -: stdout",
      OPTION_TEXT, AT(html)},
     {"day", 0, "DATE",
      "Of a store: that day, as 2026-01-31, today or yesterday, of local time; instead of --from and --to",
@@ -171,34 +171,54 @@ static int take_store_window(const struct cli *cli, const struct report_options 
 
 /* ---- A page ------------------------------------------------------------------------------- */
 
-/* Of a run from its start to the newest that was measured. */
-static int take_run_window(const struct cli *cli, struct apc_store *store, const struct known_plant *plant,
-                           apc_ns *from, apc_ns *to)
+/* The newest that was measured, or nothing. */
+static int find_report_end(const struct cli *cli, struct apc_store *store, const struct known_plant *plant,
+                           apc_ns *end)
 {
     struct apc_sample newest = {.table = APC_SENSOR};
-    *to = 0;
+    *end = 0;
     for (size_t i = 0; i < plant->view.n; i++) {
         newest.id = plant->tag[i].id;
         const int rc = plant->tag[i].table == APC_SENSOR ? apc_store_read(store, &newest, 1) : 0;
         if (rc < 0)
             return cli_store_error(cli, rc, store);
-        *to = newest.seq > 0 && newest.time >= *to ? newest.time + 1 : *to;
+        *end = newest.seq > 0 && newest.time >= *end ? newest.time + 1 : *end;
     }
-    return *to > 0 ? cli_time(cli, "from", "0", from)
-                   : cli_error(cli, APC_ENOTFOUND,
-                               "no measurement is on record there: there is nothing to report");
+    return *end > 0 ? EXIT_OK
+                    : cli_error(cli, APC_ENOTFOUND,
+                                "no measurement is on record there: there is nothing to report");
 }
 
+/* Of a run's files in s since its start; no later than they end. */
+static int take_files_window(const struct cli *cli, const struct report_options *o, apc_ns begin, apc_ns end,
+                             apc_ns *from, apc_ns *to)
+{
+    double s[2];
+    apc_ns after[2] = {0, end - begin};
+    const int first = cli_seconds(cli, "from", o->from, &s[0]),
+              status = first == EXIT_OK ? cli_seconds(cli, "to", o->to, &s[1]) : first;
+    for (int i = 0; i < 2 && status == EXIT_OK; i++)
+        if (!isnan(s[i]) && (apc_ns_from_s(s[i], &after[i]) < 0 || after[i] > end - begin))
+            after[i] = end - begin;
+    *from = begin + after[0];
+    *to = begin + after[1];
+    return status;
+}
+
+/* @p begin: of a run's files; 0: of a store. Nothing else said, of a run from its start to its end. */
 static int take_page_window(const struct cli *cli, const struct report_options *o, struct apc_store *store,
-                            apc_ns *from, apc_ns *to)
+                            apc_ns begin, apc_ns *from, apc_ns *to)
 {
     struct known_plant plant;
     int rc = known_load(&plant, store), status = rc < 0 ? cli_store_error(cli, rc, store) : EXIT_OK;
     const apc_ns now = apc_store_now(store);
-    if (status == EXIT_OK && cli->folder && !o->from && !o->to && !o->day)
-        status = take_run_window(cli, store, &plant, from, to);
-    else if (status == EXIT_OK)
-        status = take_store_window(cli, o, from, to);
+    const bool whole = !o->from && !o->to && !o->day;
+    if (status == EXIT_OK && (begin || (cli->folder && whole)))
+        status = find_report_end(cli, store, &plant, to);
+    if (status == EXIT_OK)
+        status = begin && !o->day       ? take_files_window(cli, o, begin, *to, from, to)
+                 : cli->folder && whole ? cli_time(cli, "from", "0", from)
+                                        : take_store_window(cli, o, from, to);
     known_free(&plant);
     *to = *to < now ? *to : now;
     if (status == EXIT_OK && *from >= *to)
@@ -210,8 +230,8 @@ static int take_page_window(const struct cli *cli, const struct report_options *
 static int write_page(const char *path, struct apc_store *store, const struct page_window *w,
                       struct apc_error *why)
 {
-    char part[PATH_MAX + 8];
-    snprintf(part, sizeof part, "%.4000s.part", path);
+    char part[PATH_MAX + 32];
+    snprintf(part, sizeof part, "%.4000s.%d.part", path, (int)getpid()); /* somebody else may write it too */
     FILE *out = fopen(part, "we");
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
@@ -229,20 +249,23 @@ static void name_page(const char *html, const struct page_window *w, char path[P
     char day[PRINT_LEN];
     struct stat at;
     if (stat(html, &at) == 0 && S_ISDIR(at.st_mode))
-        snprintf(path, PATH_MAX, "%.3800s/%s%s%.10s.html", html, w->plant, w->plant[0] ? "-" : "",
-                 report_time(w->from, day));
+        snprintf(path, PATH_MAX, "%.3800s/%s%s%.10s.html", html, w->plant, w->plant[0] && !w->zero ? "-" : "",
+                 w->zero ? "" : report_time(w, w->from, day));
     else
         snprintf(path, PATH_MAX, "%.4000s", html);
 }
 
-static int put_page(const struct cli *cli, const struct report_options *o, struct apc_store *store)
+/* @p run: whose files the store was made of; NULL: it is one. */
+static int put_page(const struct cli *cli, const struct report_options *o, struct apc_store *store,
+                    const struct experiment *run)
 {
-    struct page_window w = {.plant = "", .title = ""};
+    const apc_ns begin = !run ? 0 : run->start ? run->start : SIMULATION_BEGIN;
+    struct page_window w = {.plant = "", .title = "", .folder = run, .zero = run && !run->start ? begin : 0};
     struct apc_error why;
     struct experiment e = {0};
     int64_t revision;
     char path[PATH_MAX];
-    const int status = take_page_window(cli, o, store, &w.from, &w.until);
+    const int status = take_page_window(cli, o, store, begin, &w.from, &w.until);
     if (status != EXIT_OK)
         return status;
     int rc = experiment_stored(&e, store, &revision, &why);
@@ -260,18 +283,41 @@ static int put_page(const struct cli *cli, const struct report_options *o, struc
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
+/* Of a run whose store is none or gone, as is that of a simulation. */
+static int make_page_of_files(const struct cli *cli, const struct report_options *o)
+{
+    struct apc_store *store = NULL;
+    struct experiment e;
+    struct apc_error why;
+    int rc = experiment_load(&e, cli->args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
+    if (rc == 0 && o->day && !e.start) {
+        experiment_free(&e);
+        return cli_usage(cli, "--day: a simulation has no days: --from and --to, in s since its start");
+    }
+    if (rc == 0)
+        rc = folder_store(&store, cli->args[0], &e, e.start ? e.start : SIMULATION_BEGIN, &why);
+    const int status = rc == 0 ? put_page(cli, o, store, &e) : cli_error(cli, rc, "%s", why.text);
+    apc_store_close(store);
+    experiment_free(&e);
+    return status;
+}
+
 static int make_page(struct cli *cli, const struct report_options *o)
 {
     struct apc_store *store = NULL;
+    struct apc_error why;
+    char uri[RUNSTORE_LEN];
     if (cli->n_args > 0 && cli->store_given)
         return cli_usage(cli, "expected a run folder or --store, not both");
+    if (cli->n_args > 0 && runstore_uri(cli->args[0], uri, &why) == APC_ENOTFOUND)
+        return make_page_of_files(cli, o);
     if (cli->n_args > 0) {
         cli->store = cli->args[0];
         cli_find_store(cli);
     }
     int status = exit_code_of(cli_open(cli, &store));
     if (status == EXIT_OK)
-        status = put_page(cli, o, store);
+        status = put_page(cli, o, store, NULL);
     apc_store_close(store);
     return status;
 }
@@ -406,6 +452,7 @@ int command_report(int argc, char **argv)
     struct experiment e;
     struct apc_error why;
     char path[600];
+    struct stat at;
     struct report_options options = {0};
 
     umask(077);
@@ -420,23 +467,18 @@ int command_report(int argc, char **argv)
         return cli_usage(&cli, "--html shows a window, as a page: leave --at and --json out");
     if (options.day && cli.n_args > 0 && !options.html)
         return cli_usage(&cli, "--day of a run folder goes with --html: add it, or give --store");
+    if (cli.n_args > 0 && stat(cli.args[0], &at) == 0 && !S_ISDIR(at.st_mode))
+        return cli_error(&cli, APC_EINVAL,
+                         "%s is a file: expected the folder of a run, as apc run and apc simulate -o make it",
+                         cli.args[0]);
     if (options.html)
         return cli_done(&cli, make_page(&cli, &options));
     if (cli.n_args == 0)
         return cli_done(&cli, options.at ? report_prediction_of_store(&cli, &options)
                                          : report_of_store(&cli, &options));
     const bool json = options.json;
-    struct stat at;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
-    if (rc == 0 && stat(cli.args[0], &at) == 0 && !S_ISDIR(at.st_mode)) {
-        experiment_free(&e);
-        return cli_error(
-            &cli, APC_EINVAL,
-            "%s is an experiment file: expected the folder of a run, as apc run and apc simulate -o "
-            "make it",
-            cli.args[0]);
-    }
     const bool complete = rc == 0 && access(path, F_OK) == 0;
     if (complete && cli.store_given) {
         experiment_free(&e);

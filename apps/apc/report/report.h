@@ -34,18 +34,19 @@ int report_leave_part(const char *dir, const struct experiment *e, const char *t
 #define PAGE_LOOPS 50    /* that are drawn */
 
 struct page_window {
-    apc_ns from, until; /* UTC */
-    const char *plant;  /* "": it has no name */
-    const char *title;  /* of its experiment; "": none */
+    apc_ns from, until;        /* UTC */
+    const char *plant, *title; /* "": it has none */
+    bool folder;               /* of a run folder's files: without the alarms' journal */
+    apc_ns zero;               /* of a simulation: times are s since then; 0: local */
 };
 
 /* What a store recorded in a window, as a page for paper: figures, loops, outages, alarms, what people wrote and entered,
- * what else happened. Times are local. Returns 0 or a negative error. */
+ * what else happened. Returns 0 or a negative error. */
 int report_page(FILE *out, struct apc_store *store, const struct page_window *window, struct apc_error *why);
 /* A loop's measurement, setpoint and output there, as SVG. Returns 0 or the store's error. */
 int report_trend(FILE *out, struct apc_store *store, const struct known_plant *plant,
                  const struct loops_loop *loop, const struct page_window *window);
-/* Local time to the second. */
-char *report_time(apc_ns utc, char text[PRINT_LEN]);
+/* Local time to the second, or s since the start; @p window is a struct page_window. */
+char *report_time(const void *window, apc_ns utc, char text[PRINT_LEN]);
 
 #endif

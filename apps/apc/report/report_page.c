@@ -27,11 +27,14 @@ struct page {
     size_t written, entered;
 };
 
-char *report_time(apc_ns utc, char text[PRINT_LEN])
+char *report_time(const void *window, apc_ns utc, char text[PRINT_LEN])
 {
+    const struct page_window *w = window;
     const time_t second = utc / APC_NS_PER_S;
     struct tm t;
-    if (!localtime_r(&second, &t) || !strftime(text, PRINT_LEN, "%Y-%m-%d %H:%M:%S", &t))
+    if (w->zero)
+        snprintf(text, PRINT_LEN, "%.12g s", round(apc_ns_to_s(utc - w->zero) * 1e3) / 1e3);
+    else if (!localtime_r(&second, &t) || !strftime(text, PRINT_LEN, "%Y-%m-%d %H:%M:%S", &t))
         print_second(utc, text);
     return text;
 }
@@ -43,10 +46,15 @@ static bool is_of_people(const struct apc_event *event)
     return !strcmp(event->kind, "operator") || !strcmp(event->kind, "rejected");
 }
 
+static bool is_of_alarm(const struct apc_event *event)
+{
+    return !strcmp(event->kind, "alarm");
+}
+
 /* Neither what stands in another table, nor what goes well. */
 static bool is_of_system(const struct apc_event *event)
 {
-    return !is_of_people(event) && !logbook_is_entry(event) && strcmp(event->kind, "alarm") != 0 &&
+    return !is_of_people(event) && !logbook_is_entry(event) && !is_of_alarm(event) &&
            strcmp(event->kind, "health") != 0 &&
            (event->severity >= APC_EVENT_WARNING || !strcmp(event->kind, "start") ||
             !strcmp(event->kind, "stop") || !strcmp(event->kind, "mode"));
@@ -142,7 +150,7 @@ static void put_key_figures(const struct page *p)
     fprintf(out, "<li><b>%s</b>down, in %zu outage%s</li>\n",
             p->outages.n ? print_age(p->outages.down, down) : "0", p->outages.n,
             p->outages.n == 1 ? "" : "s");
-    if (p->alarms.e.n_alarms > 0)
+    if (p->alarms.e.n_alarms > 0 && !p->window->folder)
         fprintf(out, "<li><b>%zu</b>alarm%s; %zu at the end</li>\n", p->figures.raised,
                 p->figures.raised == 1 ? "" : "s", count_standing(p));
     fprintf(out, "<li><b>%zu</b>write%s by people</li>\n<li><b>%zu</b>in the log book</li>\n</ul>\n",
@@ -224,7 +232,7 @@ static int put_predictions(const struct page *p)
         rc = window_prediction_of_store(&o, p->store, at, &why);
     if (rc == 0) {
         fprintf(p->out, "<h2>Prediction</h2>\n<p>What predictive laws expected at %s, and what came.</p>\n",
-                report_time(at, text));
+                report_time(p->window, at, text));
         prediction_table(&o, &table);
         rc = page_table(p->out, &table);
     }
@@ -255,8 +263,9 @@ static int put_outages(const struct page *p)
         char others[32] = "", status[APC_STATUS_NAME_LEN];
         if (o->n > 1)
             snprintf(others, sizeof others, " and %zu more", o->n - 1);
-        print_cell(&table, PRINT_PLAIN, "%s", report_time(o->from, text));
-        print_cell(&table, PRINT_PLAIN, "%s", o->until == p->range.until ? "" : report_time(o->until, text));
+        print_cell(&table, PRINT_PLAIN, "%s", report_time(p->window, o->from, text));
+        print_cell(&table, PRINT_PLAIN, "%s",
+                   o->until == p->range.until ? "" : report_time(p->window, o->until, text));
         print_cell(&table, PRINT_PLAIN, "%s", print_age(o->until - o->from, text));
         print_cell(&table, PRINT_PLAIN, "%.63s%s: %s", p->outages.tag[o->tag].name, others,
                    o->status != APC_GOOD    ? apc_status_format(o->status, status)
@@ -327,7 +336,7 @@ static int put_standing(const struct page *p)
         print_cell(&table, PRINT_PLAIN, "%s", p->alarms.e.alarm[i].name);
         print_cell(&table, PRINT_PLAIN, "%d", p->alarms.e.alarm[i].is.priority);
         print_cell(&table, PRINT_PLAIN, "%s", apc_alarm_state_name(state));
-        print_cell(&table, PRINT_PLAIN, "%s", report_time(now->row->time, text));
+        print_cell(&table, PRINT_PLAIN, "%s", report_time(p->window, now->row->time, text));
         print_cell(&table, PRINT_PLAIN, "%s", p->alarms.e.alarm[i].message);
     }
     fputs(n > 0 ? "<h3>Not normal at the end</h3>\n" : "", p->out);
@@ -343,6 +352,12 @@ static int put_alarms(const struct page *p)
     fputs("<h2>Alarms</h2>\n", p->out);
     if (p->alarms.e.n_alarms == 0)
         return fputs("<p>None are described.</p>\n", p->out), 0;
+    if (p->window->folder) {
+        fputs("<p>The run folder has no journal of alarms: what they said, without figures.</p>\n", p->out);
+        const int n =
+            page_events(p->out, p->store, &p->range, is_of_alarm, report_time, p->window, PAGE_ROWS);
+        return n < 0 ? n : 0;
+    }
     fprintf(p->out,
             "<p>%zu alarm%s, %.3g an hour; of priority 1: %zu, 2: %zu, 3: %zu, 4: %zu. Most in ten minutes: "
             "%zu; more than "
@@ -362,24 +377,30 @@ static int put_report_events(const struct page *p, const char *heading,
                              bool (*is)(const struct apc_event *event))
 {
     fprintf(p->out, "<h2>%s</h2>\n", heading);
-    const int rc = page_events(p->out, p->store, &p->range, is, report_time, PAGE_ROWS);
+    const int rc = page_events(p->out, p->store, &p->range, is, report_time, p->window, PAGE_ROWS);
     return rc < 0 ? rc : 0;
 }
 
 static void put_report_head(const struct page *p)
 {
+    const struct page_window now = {.plant = ""};
     char text[PRINT_LEN], zone[16] = "";
     const time_t begin = p->range.since / APC_NS_PER_S;
     struct tm t;
     page_begin(p->out, "Report", p->window->plant);
-    fputs("<p><b>", p->out);
+    fputs(p->window->title[0] ? "<p><b>" : "", p->out);
     page_text(p->out, p->window->title);
-    fputs("</b></p>\n", p->out);
+    fputs(p->window->title[0] ? "</b></p>\n" : "", p->out);
     if (localtime_r(&begin, &t))
         (void)strftime(zone, sizeof zone, "UTC%z", &t);
-    fprintf(p->out, "<p>From %s", report_time(p->range.since, text));
-    fprintf(p->out, " until %s, local time (%s)", report_time(p->range.until, text), zone);
-    fprintf(p->out, "; made %s, libapc %s</p>\n", report_time(apc_clock_utc(NULL), text), apc_version());
+    fprintf(p->out, "<p>From %s", report_time(p->window, p->range.since, text));
+    fprintf(p->out, " until %s", report_time(p->window, p->range.until, text));
+    if (p->window->zero)
+        fputs(" of a simulation", p->out);
+    else
+        fprintf(p->out, ", local time (%s)", zone);
+    fprintf(p->out, "; made %s, libapc %s</p>\n", report_time(&now, apc_clock_utc(NULL), text),
+            apc_version());
 }
 
 static int put_report(struct page *p)

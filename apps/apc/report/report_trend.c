@@ -131,21 +131,23 @@ static void put_times(FILE *out, const struct page_window *w, double top, double
         k++;
     if (!localtime_r(&begin, &t))
         return;
-    const apc_ns step = steps[k] * APC_NS_PER_S, offset = t.tm_gmtoff * APC_NS_PER_S;
+    const apc_ns step = steps[k] * APC_NS_PER_S, offset = w->zero ? -w->zero : t.tm_gmtoff * APC_NS_PER_S;
     for (apc_ns on = (w->from + offset + step - 1) / step * step - offset; on <= w->until; on += step) {
         time_t second = on / APC_NS_PER_S;
         if (!localtime_r(&second, &t))
             return;
-        if (steps[k] >= 86400) /* midnight, also of the other half of the year */
+        if (steps[k] >= 86400 && !w->zero) /* midnight, also of the other half of the year */
             second += offset / APC_NS_PER_S - t.tm_gmtoff;
         const double x = LEFT + WIDTH * apc_ns_to_s(second * APC_NS_PER_S - w->from) / length;
-        char text[32];
-        if (!localtime_r(&second, &t) || !strftime(text, sizeof text,
-                                                   steps[k] < 60        ? "%H:%M:%S"
-                                                   : steps[k] < 86400   ? "%H:%M"
-                                                   : steps[k] < 2592000 ? "%m-%d"
-                                                                        : "%Y-%m",
-                                                   &t))
+        char text[PRINT_LEN];
+        if (w->zero)
+            report_time(w, on, text);
+        else if (!localtime_r(&second, &t) || !strftime(text, sizeof text,
+                                                        steps[k] < 60        ? "%H:%M:%S"
+                                                        : steps[k] < 86400   ? "%H:%M"
+                                                        : steps[k] < 2592000 ? "%m-%d"
+                                                                             : "%Y-%m",
+                                                        &t))
             return;
         fprintf(out,
                 "<path d=\"M%.1f %gV%g\" stroke=\"#ddd\"/><text x=\"%.1f\" y=\"%g\" "

@@ -17,6 +17,7 @@ from .columns import array, filled
 from .errors import Error, NotFoundError, error
 from .experiment import Experiment
 from .native import check, ffi, lib, text, why
+from .report import page
 from .store import Store
 from .table import Column, Table
 from .values import Mode
@@ -66,6 +67,10 @@ class Run:
             raise NotFoundError(f"{self.folder} does not say where the record of its run is, or that wants a password: "
                                 "name it, apc.Store(URI)")
         return Store("+".join(filter(None, (live, history))))
+
+    def report(self, since: Optional[float] = None, until: Optional[float] = None) -> str:
+        """What `apc report --html` writes of it, a page of HTML; from `since` to `until`, s since its t = 0."""
+        return page([str(self.folder)], "", since, until)
 
     def table(self) -> Table:
         """All samples of the run in order of time, a row each. Columns:

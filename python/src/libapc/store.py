@@ -14,6 +14,7 @@ from .alarms import ACKNOWLEDGE, SHELVE, Alarm, Board
 from .errors import InvalidError, NotFoundError, error, no_number
 from .columns import array, filled
 from .native import Owned, check, ffi, lib, text, timeout_ns, utf8, why
+from .report import page
 from .table import Column, Table, utc
 from .values import Mode, Status, Value, value_of
 
@@ -100,6 +101,7 @@ class Store:
     """Shared data: "sqlite:FILE", "shm:NAME", "mem:NAME", "postgresql://...", "LIVE+HISTORY" (docs/stores.md)."""
 
     _alarms: Optional[Board] = None
+    _uri = ""  #: by which other processes find it
 
     def __init__(self, uri: str, name: str = "python", timeout: float = 2.0) -> None:
         """`name` says who writes; `timeout` in s is of every operation. It connects when it has to."""
@@ -108,6 +110,7 @@ class Store:
         options.size, options.name, options.timeout = ffi.sizeof(options[0]), called, timeout_ns(timeout)
         check(lib.apc_store_open(out, utf8("uri", uri), options, reason), reason)
         self._owned = Owned("store", out[0], lib.apc_store_close)
+        self._uri = "" if uri.startswith("mem:") else uri
 
     @classmethod
     def _of(cls, owned: Owned) -> "Store":
@@ -297,6 +300,15 @@ class Store:
         with self._owned as s:
             check(lib.apc_why_json(s, utf8("output", output), _ns(at), round(over * 1e9), json, reason), reason)
         return loads(text(ffi.gc(json[0], lib.apc_why_free)))  # type: ignore[no-any-return]
+
+    def report(self, since: Optional[Time] = None, until: Optional[Time] = None) -> str:
+        """What `apc report --html` writes of it, a page of HTML: of the last day, or from `since` to `until`."""
+        with self._owned:
+            if not self._uri:
+                raise error(lib.APC_ESTATE, "a report is made by another process, which cannot reach this store: memory of this "
+                            "one, or what a store was at a time")
+        return page([], self._uri, *(None if time is None else text(lib.apc_time_format(_ns(time), ffi.new("char[]", 32)))
+                                     for time in (since, until)))
 
     def acknowledge(self, alarm: str, comment: str = "", author: Optional[str] = None, seen: int = 0,
                     wait: bool = True) -> Alarm:

@@ -116,7 +116,7 @@ expect 1 'carrierpigeon' "$apc" get --store carrierpigeon:coop
 expect 1 'plant.db: there is no such folder: expected that of a run, or .*sqlite:FILE, shm:NAME$' "$apc" get --store plant.db
 touch "$work/plant.db"
 expect 1 'of a SQLite file write sqlite: before its name' "$apc" get --store "$work/plant.db"
-expect 1 'fast.conf is an experiment file: expected the folder of a run' "$apc" report "$good"
+expect 1 'fast.conf is a file: expected the folder of a run' "$apc" report "$good"
 expect 1 'none.csv: No such file or directory: expected a CSV file' "$apc" identify "$work/none.csv"
 expect 2 'none.scenario: No such file or directory: expected a scenario' "$apc" check "$work/none.scenario"
 expect 3 'nowhere/plant\.db cannot be made: its folder: No such file' "$apc" init --store "sqlite:$work/nowhere/plant.db"

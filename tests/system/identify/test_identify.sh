@@ -310,7 +310,6 @@ sed -n '/^name = "heater"/,/^```/p' "$document" | sed '$d' >heater.conf
 "$apc" simulate heater.conf --report heater >/dev/null
 expect 1 'no column "u"; it has a row for each sample' "$apc" identify heater/samples.csv --inputs u --outputs y
 expect 1 'store: heater has no store, as the folder of a simulation.* there; apc run FILE --speed max --out DIR leaves one' "$apc" history y --store heater
-expect 1 'report: heater has no store, as the folder of a simulation' "$apc" report heater --html heater.html
 "$apc" identify heater -o heater.model --figure heater/heater >heater.txt
 diff <(sed -n '/^heater: /,/^```/p' "$document" | sed '$d') heater.txt || fail "docs/tuning.md shows something else"
 near "the gain in the document" "$(number <(sed -n '/^transfer = (/,/^```/p' "$document") u gain)" "$(number heater.model u gain)" 1e-6

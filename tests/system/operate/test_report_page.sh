@@ -63,6 +63,31 @@ labels=$(grep -c 'text-anchor="middle">' "$work/decades.html")
 [ "$labels" -ge 8 ] && [ "$labels" -le 18 ] || fail "decades have $labels times at two trends"
 ! grep -q 'nan\|inf"' "$page" || fail "a trend has what is no number"
 
+# ---- Of a run folder without a store: a simulation's
+# Promise(page): Of a simulation's folder, which has no store, the page has the same figures and trends as of the same run's store,
+#   in s since the start.
+expect 0 '' "$apc" simulate "$APC_SOURCE_DIR/experiments/alarms/pump-failure.conf" -d 1500 --report "$work/simulated"
+expect 0 'report: .*/pages/pump-failure\.html' env -u APC_STORE LC_ALL=C.UTF-8 "$apc" report "$work/simulated" --html "$work/pages"
+simulated=$work/pages/pump-failure.html
+figures() { sed -n '/laws expected at/d; /<h2>Loops/,/<h2>Alarms/p; /<path fill/p' "$1"; }
+diff <(figures "$page") <(figures "$simulated") || fail "simulated, the same run has other figures"
+shown "$simulated" '^461 s \| apc-alarms \| alarm \| F2.at-limit: pump 2 gives all it can$'
+grep -q 'has no journal of alarms' "$simulated" || fail "not said what the folder does not have"
+expect 0 'From 500 s until 1000 s of a simulation' env -u APC_STORE "$apc" report "$work/simulated" --from 500 --to 1000 --html -
+expect 0 '' "$apc" simulate "$APC_SOURCE_DIR/experiments/four-tank-mpc.conf" -d 200 --report "$work/predicted"
+expect 0 '' env -u APC_STORE "$apc" report "$work/predicted" --html "$work/predicted.html"
+diff <(figures "$work/mpc.html") <(figures "$work/predicted.html") || fail "simulated, the same laws expect something else"
+expect 2 'a simulation has no days' env -u APC_STORE "$apc" report "$work/simulated" --day today --html -
+expect 2 'the window is empty' env -u APC_STORE "$apc" report "$work/simulated" --from 2000 --html -
+expect 2 'must be s since the start' env -u APC_STORE "$apc" report "$work/simulated" --from 2026-01-01 --html -
+echo 'garbage' >>"$work/predicted/events.csv"
+expect 1 'events.csv:[0-9]*: 1 field' env -u APC_STORE "$apc" report "$work/predicted" --html "$work/predicted.html"
+expect 1 'is a file: expected the folder of a run' "$apc" report "$work/predicted/run.conf" --html -
+rm "$work/predicted/events.csv" "$work/predicted/ticks.db" "$work/predicted/published.csv"
+expect 0 '<h2>Trends</h2>' env -u APC_STORE "$apc" report "$work/predicted" --html -
+rm "$work/predicted/samples.csv"
+expect 1 'samples.csv: No such file' env -u APC_STORE "$apc" report "$work/predicted" --html -
+
 # ---- Of a day: of local time, which has 23 hours when summer time begins
 expect 0 '' "$apc" init "$APC_SOURCE_DIR/experiments/first-order.conf"
 sql "INSERT INTO apc.event (time, severity, source, kind, text, class) VALUES
@@ -99,6 +124,6 @@ mkdir "$work/full"
 if mount -t tmpfs -o size=64k none "$work/full" 2>/dev/null; then
   echo before >"$work/full/page.html"
   expect 1 'cannot be written' "$apc" report --from 2025-05-01 --to 2025-05-02 --html "$work/full/page.html"
-  [ "$(cat "$work/full/page.html")" = before ] && [ ! -e "$work/full/page.html.part" ] || fail "a full disk left half a page"
+  [ "$(cat "$work/full/page.html")" = before ] && [ "$(ls "$work/full")" = page.html ] || fail "a full disk left half a page"
   umount "$work/full"
 fi

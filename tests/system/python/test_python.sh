@@ -7,6 +7,7 @@
 . "$APC_SOURCE_DIR/tests/system/writes.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 python=$APC_SOURCE_DIR/python
+export PATH=$APC_BUILD_DIR/bin:$PATH # a report is made by apc
 # Promise(python/wheel-pythons-3): A wheel for all Pythons from 3.9 on is built and installed where nothing else is;
 #   there experiments, simulations, stores and history do what docs/python.md says, refusals are exceptions with the
 #   library's sentence, the types are clean, and a simulation has the figures of its twin in C.
