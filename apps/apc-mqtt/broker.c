@@ -90,10 +90,11 @@ static void put_reason(char *text, size_t n, int reason, const mosquitto_propert
 /* Under the mutex. @reason NULL: it is done. */
 static void note_refusal(struct broker *b, enum broker_subject subject, const char *topic, const char *reason)
 {
-    b->refusal[subject].stands = reason != NULL;
+    char why[sizeof b->refusal->why] = "";
     if (reason)
-        (void)snprintf(b->refusal[subject].why, sizeof b->refusal[subject].why, "%s: %s/%s", reason,
-                       b->prefix, topic);
+        (void)snprintf(why, sizeof why, "%s: %s/%s", reason, b->prefix, topic);
+    b->refusal[subject].stands = reason != NULL;
+    memcpy(b->refusal[subject].why, why, sizeof why);
 }
 
 static void subscribe_broker(struct broker *b, enum broker_subject subject, const char *topic)
