@@ -40,7 +40,7 @@ static int make_rows(struct faults *f)
 /* With its plant, whose disturbances and parameters have names; not with one of the user's own, which would be loaded. */
 static int read_faulty_experiment(struct experiment *e, struct apc_store *store, struct apc_error *why)
 {
-    struct experiment described;
+    struct experiment described = {.file = ""};
     int64_t revision;
     int rc = experiment_stored(e, store, &revision, why);
     if (rc <= 0 || e->plant.external || is_of_user(e->plant.name))
