@@ -169,10 +169,11 @@ int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_
 int apc_store_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision)
 {
     APC_STORE_PASS(store, catalogue_at, apc_store_catalogue_at(inner, time, text, size, revision));
-    int err = store->ops->catalogue_at ? enter_catalogue(store, text, size) : 0;
-    return err                        ? err
-           : store->ops->catalogue_at ? store->ops->catalogue_at(store, time, text, size, revision)
-                                      : apc_store_catalogue(store, text, size, revision);
+    if (store && !store->ops->catalogue_at) {
+        return apc_store_catalogue(store, text, size, revision);
+    }
+    int err = enter_catalogue(store, text, size);
+    return err ? err : store->ops->catalogue_at(store, time, text, size, revision);
 }
 
 int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
