@@ -56,7 +56,7 @@ int linear_margins_of_pid(const struct apc_transfer *g, const struct apc_pid_tun
     const struct apc_loop_controller pid = {2, 1, 1, state, in, out, &through, &measured, &to};
     const struct apc_loop_tick tick = {.controller = 0};
     struct apc_loop_setup setup = {.size = sizeof setup,
-                                   .plant = {n, 1, 1, A, B, C, &D},
+                                   .plant = {.nx = n, .nu = 1, .ny = 1, .A = A, .B = B, .C = C, .D = &D},
                                    .n_controllers = 1,
                                    .controller = &pid,
                                    .n_ticks = 1,

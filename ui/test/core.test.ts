@@ -15,7 +15,6 @@ import {modesOf, notRunning} from "../src/core/modes";
 import {trajectoryRows, trajectorySeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/prediction";
 import {instantOf, pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
-import {part, shareText} from "../src/core/why";
 import {extent, niceScale, place, multiples, steps} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, stoodAt, trim, valueAt, visible} from "../src/core/series";
 import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom, pinch} from "../src/core/view";
@@ -823,11 +822,4 @@ test("a signal is as it is wanted between the nearest of its low and high alarms
   const of = (ref: string, kind: string, limit: number | null): AlarmIs => ({id: 1, alarm: "a", ref, limit, kind, priority: 2, area: "", message: "", consequence: "", response: ""});
   const bands = bandsOf([of("sensor.1", "low", 2), of("sensor.1", "low-low", 1), of("sensor.1", "high", 9), of("sensor.1", "high", 8), of("sensor.1", "low", 3), of("sensor.2", "high", 5), of("sensor.3", "rate", 5), of("sensor.4", "low", null)]);
   assert.deepEqual([...bands], [["sensor.1", {low: 3, high: 8}], ["sensor.2", {low: null, high: 5}]]);
-});
-
-test("of an output that is back where it was nothing has a share", () => {
-  const moved = (before: number, now: number) => part(5, {before, now} as Parameters<typeof part>[1]);
-  assert.equal(shareText(moved(1, 11)?.share ?? null), "50 %");
-  assert.equal(moved(1, 1)?.share, null);
-  assert.equal(moved(1, 1 + 1e-9)?.share, null);
 });

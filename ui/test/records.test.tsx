@@ -5,6 +5,7 @@ import {test} from "node:test";
 import {clock} from "../src/core/format";
 import {button, choose, click, env, event, layers, live, model, one, said, saved, server, settle, show, submit, type, window, withAlarms} from "./dom";
 import {stands, START} from "./plant";
+import {part, shareText} from "../src/core/why";
 
 test("events: newest first, with a mark; those that come are filtered as the server does", async () => {
   const route = env.routes.get("/api/events")!;
@@ -429,4 +430,11 @@ test("why, of an alarm: of its loop, until it came; of a setpoint: of the loop a
   await click(button("Why? r1"));
   await env.pass(0.5);
   assert.deepEqual(env.take("/api/why").query, {output: "upper.r1", over: "60"});
+});
+
+test("of an output that is back where it was nothing has a share", () => {
+  const moved = (before: number, now: number) => part(5, {before, now} as Parameters<typeof part>[1]);
+  assert.equal(shareText(moved(1, 11)?.share ?? null), "50 %");
+  assert.equal(moved(1, 1)?.share, null);
+  assert.equal(moved(1, 1 + 1e-9)?.share, null);
 });
