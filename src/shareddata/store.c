@@ -430,7 +430,10 @@ int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n
 
 static int enter_rows(struct apc_store *store, const struct apc_rows *rows)
 {
-    int err = apc_store_enter(store, rows, rows ? rows->n_samples : 1);
+    if (!rows) {
+        return apc_store_enter(store, NULL, 1);
+    }
+    int err = apc_store_enter(store, NULL, 0);
     if (!err && rows->size != sizeof *rows) {
         err = apc_fail(&store->why, APC_EINVAL, "struct apc_rows must say its size, %zu bytes", sizeof *rows);
     }

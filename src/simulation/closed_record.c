@@ -81,6 +81,8 @@ static bool is_on_grid(const struct controller *of, const struct beat *b, apc_ns
 static apc_ns common_period(apc_ns a, apc_ns b)
 {
     apc_ns x = a, y = b;
+    if (a == 0 || b == 0)
+        return a > b ? a : b;
     while (y != 0) {
         const apc_ns rest = x % y;
         x = y;
@@ -208,8 +210,8 @@ static int add_gap(struct closed *c, size_t controller, enum action_kind kind, d
 static int find_gaps_of(struct closed *c, size_t i, const struct beats *beats)
 {
     const struct controller *of = &c->was.controllers[i];
-    const double before =
-        (double)((c->start - c->zero) / of->rhythm.period); /* the first number from `start` on */
+    const apc_ns numbered = (c->start - c->zero) / of->rhythm.period;
+    const double before = (double)numbered; /* the first number from `start` on */
     const apc_ns end = c->end - of->rhythm.phase;
     unsigned long long lacking = 0;
     apc_ns first = 0;

@@ -202,7 +202,7 @@ static int draw_closed(const struct closed_answer *a, const char *name, FILE *ou
 {
     const struct closed *c = &a->closed;
     const struct experiment *e = &c->was;
-    struct compare_variable *v = calloc(e->dim.ny + e->dim.nu, sizeof *v);
+    struct compare_variable *v = calloc(e->dim.ny + e->dim.nu + 1, sizeof *v);
     struct samples was = {0}, is = {0};
     char time[APC_TIME_LEN], title[200];
     size_t n = 0;

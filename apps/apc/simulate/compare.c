@@ -147,8 +147,9 @@ static size_t panels_of(const struct compare_figure *f)
 /* 0: it is flat. */
 static double panel_span(const struct compare_variable *v)
 {
-    const struct trace *const all[] = {&v->recorded, &v->simulated, &v->unchanged, &v->setpoint};
-    const double span = traces_span(all, sizeof all / sizeof *all);
+    enum { TRACES = 4 };
+    const struct trace *const all[TRACES] = {&v->recorded, &v->simulated, &v->unchanged, &v->setpoint};
+    const double span = traces_span(all, TRACES);
     return span > 0 ? span : 0;
 }
 
