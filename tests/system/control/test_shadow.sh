@@ -102,7 +102,7 @@ mode 1 1 || fail "first does not act"
 sed 's/{ name = "first"; law/{ name = "first"; second_person = 60.0; law/' "$work/shadow.conf" >"$work/two.conf"
 "$apc" init "$work/two.conf" --store "sqlite:$work/two.db" >/dev/null
 for name in trial first; do
-  expect 4 'first takes two persons, and one alone promotes' "$apc" promote $name --no-wait --store "sqlite:$work/two.db"
+  expect 4 'first takes two persons, and apc promote asks no second one' "$apc" promote $name --no-wait --store "sqlite:$work/two.db"
 done
 
 # nor is one in a history, where nobody would read it
