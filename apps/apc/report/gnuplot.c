@@ -210,7 +210,7 @@ int gnuplot_figure(const char *name, const char *script, void (*put)(FILE *scrip
                    struct apc_error *why)
 {
     const char *slash = strrchr(name, '/');
-    char part[260];
+    char part[40];
     const struct figure f = {slash ? slash + 1 : name, part, script, put, ctx};
 
     if (!*f.name || strlen(f.name) > 250)
@@ -218,7 +218,7 @@ int gnuplot_figure(const char *name, const char *script, void (*put)(FILE *scrip
     char *dir = slash ? strndup(name, slash == name ? 1 : (size_t)(slash - name)) : strdup(".");
     if (!dir)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    snprintf(part, sizeof part, "%s~", f.name);
+    snprintf(part, sizeof part, ".figure.%d.part", (int)getpid()); /* somebody else may draw it too */
     const int folder = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     int rc = folder < 0 ? apc_fail(why, APC_ESYS, "%s: %s: a figure needs a folder that is there", dir,
                                    strerror(errno))
