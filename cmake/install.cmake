@@ -23,6 +23,7 @@ install(FILES LICENSE CHANGELOG.md CITATION.cff TYPE DOC)
 
 # Documents: with links among themselves and to the examples; what is in the sources only is named without a link.
 file(GLOB documents CONFIGURE_DEPENDS RELATIVE ${PROJECT_SOURCE_DIR} docs/*.md)
+file(REMOVE_RECURSE ${PROJECT_BINARY_DIR}/install/docs)
 foreach(document README.md SECURITY.md ${documents})
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${document})
   file(READ ${document} text)

@@ -2,7 +2,7 @@
 /*
  * Every statement on the tables of samples, spelt out by the preprocessor: no SQL is ever built at run
  * time, and a table's name is never anything but one of these. Why they are as they are, with figures:
- * docs/rationale.md, "The newest values have tables of their own".
+ * docs/rationale.md, "PostgreSQL's newest values have tables of their own".
  *
  * A plan made anew at each execution costs 45 to 50 us more, and plan_cache_mode = auto settles for that
  * at n = 1 and 10: the session says force_generic_plan.

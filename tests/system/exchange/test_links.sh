@@ -12,10 +12,10 @@ links=(tcp modbus serial fmu)
 "$apc" cert authority links --dir "$work/certs" 2>/dev/null && links+=(tls) && "$apc" cert plant plant --host 127.0.0.1 --dir "$work/certs" &&
   "$apc" cert client loop --dir "$work/certs"
 
-# ---- scripts/links, as docs/links.md has its table; of the FMU's peers only where they can be had
+# ---- scripts/links, as tests/reports/links.md has its table; of the FMU's peers only where they can be had
 # Promise(links/paper-loop-runs): The paper's loop runs over each link alike; over each, a plant that stands still
 #   for 10 s or is killed leaves no value that is taken for one of now, is said once and found again, and a client
-#   that stands still leaves the plant at its safe value (docs/links.md).
+#   that stands still leaves the plant at its safe value (tests/reports/links.md).
 
 PYTHONPATH=$peers "$APC_SOURCE_DIR/scripts/links" --duration 4 --only tcp,modbus,serial "$work/shown" >"$work/table"
 [ -s "$work/shown/links.png" ] || fail "scripts/links has drawn nothing"

@@ -195,7 +195,7 @@ static double gain_by_free_run(const struct apc_record *r, const double *A, cons
 }
 
 /* Octave states its matrices to four digits, of numbers that are no deviations: its gain is then that of the
- * means, which B and D of N4SID's projection give back 2 % differently (docs/rationale.md), unlike the poles;
+ * means, which B and D of N4SID's projection give back 2 % differently, unlike the poles;
  * those of the best free run, upon Octave's A and C, have our gain. */
 /* Promise(identification/difference-equations) */
 static void state_space_of_the_hair_dryer_is_octaves(void **state)
