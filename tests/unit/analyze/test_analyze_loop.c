@@ -650,6 +650,30 @@ static void a_tuning_of_a_model_has_the_margins_of_its_ticks(void **state)
     assert_int_equal(linear_margins_of_pid(&late, &K, 1.0, &m, &why), 0);
     assert_int_equal(apc_tune_margins(&late, &K, 1.0, &half, &why), 0);
     assert_memory_equal(&m, &half, sizeof m);
+
+    /* Promise(analysis/margins-of-a-gain): So are those of a plant that is a gain alone, with a dead time and without. */
+    const struct apc_transfer gain = {.gain = 2.0}, late_gain = {.gain = 2.0, .dead_time = 2.5};
+    const struct apc_pid_tuning P = {.Kp = 0.25}, I = {.Kp = 0.1, .tau_i = 1.0},
+                                D = {.Kp = 0.1, .tau_i = 1.0, .tau_d = 1.0};
+
+    assert_int_equal(linear_margins_of_pid(&gain, &P, 1.0, &m, &why), 0); /* L = 0.5 / z */
+    assert_true(m.stable && m.phase == HUGE_VAL && m.delay == HUGE_VAL);
+    assert_near(m.gain, 2.0, 1e-6);
+    assert_near(m.sensitivity, 2.0, 1e-6);
+    assert_int_equal(linear_margins_of_pid(&gain, &I, 1.0, &m, &why), 0); /* L = 0.2 / (z - 1) */
+    assert_true(m.stable);
+    assert_near(m.gain, 10.0, 1e-5);
+    assert_near(m.phase, 90.0 - asin(0.1) * 180.0 / M_PI, 1e-4);
+    assert_near(m.delay, 8.0, 1e-6); /* of 7.3 samples the loop would swing */
+    assert_near(m.sensitivity, 2.0 / 1.8, 1e-6);
+    assert_int_equal(linear_margins_of_pid(&gain, &D, 1.0, &m, &why), 0); /* and 0.2 (z - 1) / z^2 */
+    assert_near(m.gain, 2.0, 1e-6);
+    assert_int_equal(linear_margins_of_pid(&late_gain, &I, 1.0, &m, &why), 0); /* L = 0.2 / (z - 1) / z^2 */
+    assert_near(m.gain, 2.0 * sin(M_PI / 10.0) / 0.2, 1e-5);
+    assert_near(m.delay, 5.5, 1e-6);
+    assert_int_equal(linear_margins_of_pid(&gain, &(const struct apc_pid_tuning){.Kp = 0.6}, 1.0, &m, &why),
+                     0);
+    assert_false(m.stable);
 }
 
 int main(void)
