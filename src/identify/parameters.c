@@ -17,11 +17,12 @@
 #include "base/parts.h"
 #include "identify/parameters.h"
 
-#define STEP     1e-4 /* of an unknown's size, to either side */
-#define ROUNDS   3    /* of what errors are expected to be like */
-#define APART    1e-3 /* of what an unknown does that nothing else does, at least */
-#define TOGETHER 0.1  /* of it that another does which is named with it */
-#define REACH    9.0  /* of a noise's logarithm, to either side of what could be expected */
+#define STEP     1e-4  /* of an unknown's size, to either side */
+#define ROUNDS   3     /* of what errors are expected to be like */
+#define APART    1e-3  /* of what an unknown does that nothing else does, at least */
+#define TOGETHER 0.1   /* of it that another does which is named with it */
+#define NONE     1e-12 /* variance, of errors that are none */
+#define REACH    9.0   /* of a noise's logarithm, to either side of what could be expected */
 
 /* ---- Running -------------------------------------------------------------------------------------- */
 
@@ -247,7 +248,7 @@ static void differentiate_priors(const struct fit *f, size_t q, double *out)
         const struct apc_prior *prior =
             of->kind == PARAMETER || of->kind == DEAD_TIME ? prior_of(f, i) : NULL;
 
-        out[i] = prior && f->s.which[i] == of->at ? of->size / prior->deviation : 0.0;
+        out[i] = prior && f->s.which[i] == of->at ? f->scatter * of->size / prior->deviation : 0.0;
     }
 }
 
@@ -512,7 +513,10 @@ static int check_known(struct fit *f, double variance, size_t q, double error, s
 static int report_parameters(struct fit *f, double left, double *value, double *error, struct apc_error *why)
 {
     const size_t rows = fit_counted(f);
-    const double variance = f->filtered ? 1.0 : left / (double)(rows > f->m ? rows - f->m : 1);
+    const double of_record = left - fit_prior_misfit(f, f->e + f->samples),
+                 variance = f->filtered ? 1.0 : of_record / (double)(rows > f->m ? rows - f->m : 1);
+
+    f->scatter = sqrt(fmax(variance, NONE));
     int rc = fit_differentiate(f, why);
 
     if (rc == 0)
@@ -711,8 +715,10 @@ static int identify_parameters(const struct apc_record *record, const struct apc
                                struct apc_likelihood *of, double *value, double *error, double *x0,
                                double *run, struct apc_error *why)
 {
-    struct fit f = {
-        .plant = {.size = sizeof f.plant}, .noisy = of ? of->noisy : NULL, .n_noisy = of ? of->n_noisy : 0};
+    struct fit f = {.plant = {.size = sizeof f.plant},
+                    .scatter = 1.0,
+                    .noisy = of ? of->noisy : NULL,
+                    .n_noisy = of ? of->n_noisy : 0};
     double left = 0.0;
     int rc = apc_options_copy(&f.r, sizeof(f.r), record, "apc_record", why);
 

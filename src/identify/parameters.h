@@ -30,6 +30,7 @@ struct fit {
     double *y, *plus, *minus, *e, *room;  /* [rows] */
     double *Q, *R, *small, *small_R;      /* [rows * m], [m * m]; of a step */
     double *deviation, *noise;            /* [ny], [ny * NOISE_MOST]: what the errors are like */
+    double scatter;                       /* of errors so weighed: 1 until it is known what is left */
     double *u, *out;                      /* [nu + nd], [model's ny] */
     bool filtered;                        /* by likelihood: y has what was expected, and its variances */
     const size_t *noisy;                  /* [n_noisy] states with process noise */

@@ -13,6 +13,8 @@
 #include "experiment/experiment.h"
 #include "files/files.h"
 
+#define CONTRADICT 2.58 /* standard deviations: by chance in one of a hundred */
+
 struct finding {
     struct identification *z;
     struct experiment e;
@@ -20,6 +22,8 @@ struct finding {
     size_t which[IDENTIFY_SIGNALS], input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
     double value[IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS], was[IDENTIFY_SIGNALS];
     struct apc_prior prior[IDENTIFY_SIGNALS];
+    struct apc_prior
+        alone[IDENTIFY_SIGNALS]; /* what the record says without that prior; deviation 0: nothing */
     struct apc_interval profile[IDENTIFY_SIGNALS];
     size_t noisy[IDENTIFY_SIGNALS]; /* states */
     struct apc_noise process[IDENTIFY_SIGNALS], measured[IDENTIFY_SIGNALS];
@@ -204,6 +208,44 @@ static void judge_found_parameters(struct finding *f)
     }
 }
 
+/* Each prior beside what is found without it; where that cannot be found, there is nothing to compare. */
+static int compare_priors(struct finding *f, struct apc_parameters sought, struct apc_error *why)
+{
+    struct apc_prior prior[IDENTIFY_SIGNALS];
+    struct apc_noise process[IDENTIFY_SIGNALS], measured[IDENTIFY_SIGNALS];
+    struct apc_likelihood likelihood = f->likelihood;
+    double value[IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS];
+    int rc = 0;
+
+    likelihood.process = process;
+    likelihood.measured = measured;
+    likelihood.white = NULL;
+    likelihood.profile = NULL;
+    sought.prior = prior;
+    for (size_t i = 0; i < sought.n && rc != APC_ENOMEM; i++) {
+        if (!(f->prior[i].deviation > 0.0))
+            continue;
+        memcpy(prior, f->prior, sizeof prior);
+        prior[i].deviation = 0.0;
+        rc = f->z->own.likelihood
+                 ? apc_identify_likelihood(&f->z->data.record, &sought, &likelihood, value, error, NULL, NULL,
+                                           why)
+                 : apc_identify_parameters(&f->z->data.record, &sought, value, error, NULL, NULL, why);
+        if (rc == 0)
+            f->alone[i] = (struct apc_prior){value[i], error[i]};
+    }
+    return rc == APC_ENOMEM ? rc : 0;
+}
+
+/* Prior without record, in standard deviations of what they differ by; NAN: they cannot be compared. */
+static double prior_apart(const struct finding *f, size_t i)
+{
+    const struct apc_prior *prior = &f->prior[i], *alone = &f->alone[i];
+
+    return alone->deviation > 0.0 ? (prior->mean - alone->mean) / hypot(prior->deviation, alone->deviation)
+                                  : (double)NAN;
+}
+
 static int find_parameters(struct finding *f, struct apc_error *why)
 {
     const struct apc_record *r = &f->z->data.record;
@@ -247,7 +289,7 @@ static int find_parameters(struct finding *f, struct apc_error *why)
             : apc_identify_parameters(r, &sought, f->value, f->error, NULL, f->model.run, why);
     if (rc == 0)
         judge_found_parameters(f);
-    return rc;
+    return rc == 0 ? compare_priors(f, sought, why) : rc;
 }
 
 /* ---- Showing ------------------------------------------------------------------------------------------- */
@@ -380,6 +422,13 @@ static int show_found_text(const struct finding *f)
     int rc = print_table_end(&t, stdout, cli_colour(), 0);
     if (rc == 0 && f->z->own.likelihood)
         rc = show_noise_text(f);
+    for (size_t i = 0; i < f->z->own.finds && rc == 0; i++)
+        if (fabs(prior_apart(f, i)) > CONTRADICT)
+            printf(
+                "%s: record and prior contradict each other: the record says %.5g ± %.2g, the prior %.5g ± "
+                "%.2g. What was found is a mean of both: look which is wrong\n",
+                param_of(f, i)->name, f->alone[i].mean, 1.96 * f->alone[i].deviation, f->prior[i].mean,
+                1.96 * f->prior[i].deviation);
     for (size_t i = 0; i < d->record.ny && rc == 0; i++)
         printf("%s: running freely the model says %.1f %% of what it was not fitted to\n", d->output[i],
                f->model.validation[i].fit);
@@ -406,6 +455,8 @@ static void show_found_json(const struct finding *f)
     for (size_t i = 0; i < f->z->own.finds; i++) {
         json_add(&t, "{parameter:%s, was:%g, value:%g, standard_error:%g", param_of(f, i)->name, f->was[i],
                  f->value[i], f->error[i]);
+        if (f->prior[i].deviation > 0.0)
+            json_add(&t, ", prior_apart:%g", prior_apart(f, i));
         if (f->z->own.profile)
             json_add(&t, ", interval:[%g,%g]", f->profile[i].low, f->profile[i].high);
         json_add(&t, "}");

@@ -256,6 +256,33 @@ static void a_prior_counts_as_its_variance_says(void **state)
     free(s);
 }
 
+/* By least squares too, however much the record scatters and whether or not they agree. */
+static void a_prior_is_as_sure_as_it_says_by_least_squares(void **state)
+{
+    const struct apc_plant_options rk4 = {.size = sizeof rk4, .integrator = "rk4", .steps = 4};
+    const size_t sought[] = {1, 2};
+    struct simulated *s = simulate(-0.1, 1e-9, 0.2, 7);
+    struct apc_prior prior[2] = {{0.0, 0.0}, {3.0, 0.5}};
+    double value[2], error[2], alone[2], its_error;
+    const struct apc_parameters of = {
+        .size = sizeof of, .model = &lag, .plant = &rk4, .which = sought, .n = 2, .prior = prior};
+    struct apc_error why;
+    (void)state;
+
+    if (apc_identify_parameters(&s->record, &of, alone, error, NULL, NULL, &why))
+        fail_msg("%s", why.text);
+    its_error = error[0];
+    assert_near(error[1], 0.5, 1e-9);
+    for (double far = -40.0; far <= 40.0; far += 40.0) {
+        prior[0] = (struct apc_prior){alone[0] + far * its_error, 0.01 * its_error};
+        if (apc_identify_parameters(&s->record, &of, value, error, NULL, NULL, &why))
+            fail_msg("%s", why.text);
+        assert_near(error[0], prior[0].deviation, 0.01 * prior[0].deviation);
+        assert_near(error[1], 0.5, 1e-9);
+    }
+    free(s);
+}
+
 /*
  * Promise(identification/profile): An interval of the profile likelihood ends where the likelihood's logarithm is 1.92 less, all other
  *   unknowns as suits best there.
@@ -365,6 +392,7 @@ int main(void)
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(an_unstable_plant_is_found),
         cmocka_unit_test(a_prior_counts_as_its_variance_says),
+        cmocka_unit_test(a_prior_is_as_sure_as_it_says_by_least_squares),
         cmocka_unit_test(a_profile_ends_where_the_likelihood_has_fallen),
         cmocka_unit_test(where_the_likelihood_falls_no_further_a_profile_has_no_end),
         cmocka_unit_test(what_cannot_be_told_is_named),
