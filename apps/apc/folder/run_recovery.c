@@ -26,7 +26,9 @@ int recovery_finish(const char *live, const char *history, apc_ns timeout, struc
         apc_replication_tell(f, gap_tell, &gaps);
         while ((rc = apc_replication_step(f, STEP)) > 0)
             ;
-        if (rc == 0 && (rc = apc_store_keep_history(to)) == APC_EPERM) /* its owner says so */
+        if (rc == 0)
+            rc = apc_store_keep_history(to);
+        if (rc > 0 || rc == APC_EPERM) /* it is said now, or its owner is to say so */
             rc = 0;
         if (rc < 0)
             apc_fail(why, rc, "the history: %s", apc_replication_error(f));

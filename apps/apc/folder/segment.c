@@ -186,10 +186,18 @@ void segment_name_orphans(void)
         if (there == 1)
             close(s.lock);
         if (there == 1 && length > 0)
+            dir[length] = '\0';
+        if (there == 1 && length > 0 && access(dir, F_OK) != 0)
             fprintf(stderr,
-                    "%s is the memory of a run that was killed: `apc drain '%.*s'` moves what is in it to "
+                    "%s is the memory of a run that was killed: `apc drain DIR` moves what is in it to that "
+                    "run's "
+                    "history, with the name that %s has now; without that folder, rm %s frees it\n",
+                    uri, dir, s.path);
+        else if (there == 1 && length > 0)
+            fprintf(stderr,
+                    "%s is the memory of a run that was killed: `apc drain '%s'` moves what is in it to "
                     "that run's history\n",
-                    uri, (int)length, dir);
+                    uri, dir);
     }
     if (n >= 0)
         free(entry);

@@ -178,6 +178,8 @@ cat "$work/one.log" "$work/other.log" >"$work/next.log"
 grep -q "^shm:run-$run-.* is the memory of a run that was killed: .apc drain '$work/killed'" "$work/next.log" || fail "no word of it"
 ! grep -q 'is the memory of a run.*/runs/' "$work/next.log" || fail "a run took the memory of one that goes on for a dead one's"
 mv "$work/killed" "$work/moved"
+expect 0 "^shm:run-$run-.*with the name that $work/killed has now; without that folder, rm /dev/shm/apc.run-$run-" \
+  "$apc" run "$work/elsewhere.conf" --duration 1 --no-ui --out "$work/later"
 expect 0 'samples: .*moved/samples\.csv, from the store' "$apc" report "$work/moved"
 [ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report of a killed run lost outputs"
 # Promise(run/run-killed-leaves)

@@ -467,6 +467,7 @@ killed() {
   done
   expect 4 'time is not real' "$APC_BIN/apc-controller" --config "$file" --store "${store%%+*}"
   expect 0 '' "$apc" drain "$work/killed-$1"
+  ! compgen -G "/dev/shm/apc.run-$pid-*" || fail "the memory of a simulated run is left behind when it is drained"
   expect 0 "2.000000,setpoint,1,Good,10.5" cat "$work/killed-$1/written.csv"
   expect 0 'written again at the same ticks: [1-9]' "$apc" simulate "$work/killed-$1"
 }
