@@ -41,7 +41,10 @@ static const struct option_spec common_options[] = {
     {"spin", 0, NULL, "Spin for the last microseconds before a tick (deadline only)", OPTION_FLAG, AT(spin)},
     {"hold-latency", 0, NULL, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", OPTION_FLAG,
      AT(hold_latency)},
-    {"start", 0, "TIME", "Time of t = 0, RFC 3339; default: the wall clock's grid", OPTION_TEXT, AT(start)},
+    {"start", 0, "TIME",
+     "Time of t = 0, RFC 3339; -: from standard input, asked for by an empty line; default: the wall clock's "
+     "grid",
+     OPTION_TEXT, AT(start)},
     {"after", 0, "INDEX",
      "The last tick that a predecessor ran, -1: none: those since then are counted as missed", OPTION_TEXT,
      AT(after)},
@@ -93,8 +96,18 @@ static int open_log(struct daemon *d, enum apc_log_level level)
     return rc < 0 ? daemon_error(d, rc, "log: %s", apc_err_text(rc)) : 0;
 }
 
+/* From who has started this program, and waits until it has come so far. */
+static const char *ask_for_start(char text[APC_TIME_LEN])
+{
+    if (write(STDIN_FILENO, "\n", 1) < 0 || !fgets(text, APC_TIME_LEN, stdin))
+        return "";
+    text[strcspn(text, "\n")] = '\0';
+    return text;
+}
+
 static int load_daemon(struct daemon *d)
 {
+    char told[APC_TIME_LEN];
     struct apc_error why;
     const char *file = daemon_or_environment(d->options.config, "APC_CONFIG");
     if (!file) {
@@ -104,8 +117,11 @@ static int load_daemon(struct daemon *d)
     int rc = experiment_load(&d->experiment, file, d->program->parts, &d->options.overrides, &why);
     if (rc < 0)
         return daemon_error(d, rc, "%s", why.text);
-    if (d->options.start && apc_time_parse(d->options.start, &d->start) < 0) {
-        daemon_error(d, 0, "--start \"%s\": must be a time such as 2026-01-31T12:00:00Z", d->options.start);
+    const char *start = d->options.start;
+    if (start && !strcmp(start, "-"))
+        start = ask_for_start(told);
+    if (start && apc_time_parse(start, &d->start) < 0) {
+        daemon_error(d, 0, "--start \"%s\": must be a time such as 2026-01-31T12:00:00Z", start);
         exit(EXIT_USAGE);
     }
     double after = -1;

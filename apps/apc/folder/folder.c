@@ -401,6 +401,19 @@ static void put_moved_stores(FILE *out, const void *stores)
     }
 }
 
+static void put_start(FILE *out, const void *start)
+{
+    char text[APC_TIME_LEN];
+    put_record_text(out, "start", apc_time_format(*(const apc_ns *)start, text));
+    fputc('\n', out);
+}
+
+int folder_begins(const char *dir, apc_ns start, struct apc_error *why)
+{
+    static const char *const names[] = {"start = ", NULL};
+    return replace_record_lines(dir, names, put_start, &start, why);
+}
+
 static int write_end(const char *dir, double ended, struct apc_error *why)
 {
     static const char *const names[] = {"ended = ", NULL};

@@ -36,6 +36,8 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
 /* From here on the folder is this run's: what else was there of another one goes. */
 int folder_keep(const char *dir, const struct experiment *e, const struct folder_metadata *metadata,
                 struct apc_error *why);
+/* t = 0 of the run is known now. */
+int folder_begins(const char *dir, apc_ns start, struct apc_error *why);
 /* Its folder has got this name, and its record's store, store.db within, with it. @p live: the store in memory, under
  * the name that it has got; NULL: there is none any more. */
 int folder_moved(const char *dir, const char *live, struct apc_error *why);

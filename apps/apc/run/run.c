@@ -290,9 +290,15 @@ static int start_daemons(struct run *r)
     setenv("APC_SPOOL", r->dir, 1);
     if (r->history)
         setenv("APC_HISTORY", r->history, 1);
-    s->start = r->begin;
     s->simulated = r->options.pace ? r->start : 0;
     int rc = supervisor_start(s, &why);
+    if (rc == 0 && !s->simulated) {
+        r->begin = s->start;
+        r->start = s->chosen;
+        if ((rc = folder_begins(r->dir, r->start, &why)) < 0)
+            supervisor_stop(s, NULL);
+    }
+    r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
     if (rc < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     return rc;

@@ -14,8 +14,6 @@
 #include "record/record.h"
 #include "supervisor.h"
 
-#define RUN_LEAD (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
-
 struct run_options {
     double duration; /* s; < 0: the file's */
     const char *out, *timer, *history;

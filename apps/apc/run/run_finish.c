@@ -85,7 +85,7 @@ static void name_missing(struct run *r, const struct missing *missing)
 /* Why the run is not what it was to be, if it is not: in r->failure. */
 static int judge_run(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
-    const struct apc_range range = {.since = since - RUN_LEAD, .until = until};
+    const struct apc_range range = {.since = since - 2 * SUPERVISOR_LEAD, .until = until};
     struct missing missing = {0};
     char why[400];
     apc_ns begin;

@@ -261,13 +261,7 @@ static struct folder_metadata metadata_of(struct run *r)
 int run_keep_folder(struct run *r)
 {
     struct apc_error why;
-    r->start = (apc_clock_utc(NULL) + RUN_LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
-    r->begin = r->start - apc_clock_offset(NULL, NULL);
-    if (r->options.pace) {
-        r->start = SIMULATION_BEGIN;
-        r->begin = 0;
-    }
-    r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
+    r->start = r->options.pace ? SIMULATION_BEGIN : apc_clock_utc(NULL); /* until the daemons are there */
     snprintf(r->config, sizeof r->config, "%s/run.conf", r->dir);
     const struct folder_metadata metadata = metadata_of(r);
     int rc = folder_keep(r->dir, &r->e, &metadata, &why);

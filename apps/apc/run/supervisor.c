@@ -26,6 +26,10 @@
 #define READY    (90 * APC_NS_PER_S) /* to the first tick: a law in Python may import for 60 s */
 #define MARGIN   (APC_NS_PER_S / 2)  /* between two signs of life, and two looks for them */
 #define MESSAGES 256                 /* read at one look: a flood must not keep us */
+#define LEAST    (APC_NS_PER_S / 5)  /* from when all have loaded to t = 0 */
+#define MARGINS  5                   /* times as long as that took, on a machine that is busy */
+#define MARGINS  5                   /* times as long as loading took they may take for the rest */
+#define GRID     (APC_NS_PER_S / 10) /* t = 0 is a multiple of it, on the wall clock */
 
 static int find_folder(struct supervisor *s, struct apc_error *why)
 {
@@ -49,7 +53,9 @@ static void hand_over(int listener)
     fcntl(SD_LISTEN_FDS_START, F_SETFD, 0);
 }
 
-_Noreturn static void become(const char *path, char *const *argv, int log, int listener, pid_t parent)
+/* @input: what it reads; -1: what this process reads. */
+_Noreturn static void become(const char *path, char *const *argv, int log, int listener, int input,
+                             pid_t parent)
 {
     sigset_t none;
     sigemptyset(&none);
@@ -60,6 +66,8 @@ _Noreturn static void become(const char *path, char *const *argv, int log, int l
         _exit(127);
     dup2(log, STDERR_FILENO);
     dup2(log, STDOUT_FILENO);
+    if (input >= 0)
+        dup2(input, STDIN_FILENO);
     if (listener > 0)
         hand_over(listener);
     execv(path, argv);
@@ -73,7 +81,9 @@ _Noreturn static void become(const char *path, char *const *argv, int log, int l
  * grid. */
 static char *start_time(const struct supervisor *s, char text[APC_TIME_LEN])
 {
-    return apc_time_format(s->simulated ? s->simulated : s->start + apc_clock_offset(NULL, NULL), text);
+    const apc_ns us = 1000,
+                 now = s->start + apc_clock_offset(NULL, NULL); /* which two readings of clocks tell */
+    return apc_time_format(s->simulated ? s->simulated : (now + us / 2) / us * us, text);
 }
 
 static const char *title_of(const struct child *child)
@@ -90,7 +100,8 @@ static void name_log(const struct supervisor *s, struct child *child)
         *c = *c == ' ' ? '-' : *c;
 }
 
-static int spawn_child(const struct supervisor *s, struct child *child, struct apc_error *why)
+/* @input: on which it asks for t = 0, which is not known yet; -1: it is. */
+static int spawn_child(const struct supervisor *s, struct child *child, int input, struct apc_error *why)
 {
     char path[600], start[APC_TIME_LEN];
     char after[24];
@@ -103,7 +114,7 @@ static int spawn_child(const struct supervisor *s, struct child *child, struct a
     argv[n++] = "--config";
     argv[n++] = s->config;
     argv[n++] = "--start";
-    argv[n++] = start_time(s, start);
+    argv[n++] = input >= 0 ? "-" : start_time(s, start);
     if (s->timer && !child->aside) {
         argv[n++] = "--timer";
         argv[n++] = s->timer;
@@ -131,7 +142,7 @@ static int spawn_child(const struct supervisor *s, struct child *child, struct a
             const char **from;
             char **to;
         } args = {argv};
-        become(path, args.to, log, child->listener, parent);
+        become(path, args.to, log, child->listener, input, parent);
     }
     close(log);
     if (pid < 0)
@@ -253,6 +264,44 @@ static void wake_child(const struct supervisor *s, struct child *child)
     kill(child->pid, SIGUSR1);
 }
 
+static int spawn_asking(const struct supervisor *s, struct child *child, struct apc_error *why)
+{
+    int pair[2];
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) < 0)
+        return apc_fail(why, APC_ESYS, "%s: no way to tell it t = 0: %s", title_of(child), strerror(errno));
+    const int rc = spawn_child(s, child, pair[1], why);
+    close(pair[1]);
+    child->asks = pair[0];
+    return rc;
+}
+
+/* When all have loaded what they run, or after SUPERVISOR_LEAD; a busy machine takes longer for the rest, too. */
+static void choose_start(struct supervisor *s)
+{
+    const apc_ns begin = apc_clock_mono(NULL);
+    for (size_t i = 0; i < s->n; i++) {
+        struct pollfd p = {.fd = s->child[i].asks, .events = POLLIN};
+        const apc_ns left = begin + SUPERVISOR_LEAD - apc_clock_mono(NULL);
+        if (p.fd > 0)
+            poll(&p, 1, left > 0 ? (int)(left / APC_NS_PER_MS) : 0);
+    }
+    const apc_ns rest = MARGINS * (apc_clock_mono(NULL) - begin), lead = rest < LEAST ? LEAST
+                                                                         : rest < SUPERVISOR_LEAD
+                                                                             ? rest
+                                                                             : SUPERVISOR_LEAD;
+    s->chosen = (apc_clock_utc(NULL) + lead + GRID - 1) / GRID * GRID;
+    s->start = s->chosen - apc_clock_offset(NULL, NULL);
+}
+
+static void answer_start(const struct supervisor *s, struct child *child)
+{
+    char text[APC_TIME_LEN + 1];
+    strcat(apc_time_format(s->chosen, text), "\n");
+    (void)send(child->asks, text, strlen(text), MSG_NOSIGNAL); /* whoever has ended is found to have, later */
+    close(child->asks);
+    child->asks = 0;
+}
+
 int supervisor_start(struct supervisor *s, struct apc_error *why)
 {
     int rc = find_folder(s, why);
@@ -262,8 +311,16 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
         s->child[i].last_tick = -1;
         if (s->child[i].pid > 0)
             wake_child(s, &s->child[i]);
-        else
-            rc = spawn_child(s, &s->child[i], why);
+        else if (!s->simulated && s->child[i].listener <= 0)
+            rc = spawn_asking(s, &s->child[i], why);
+    }
+    if (rc == 0 && !s->simulated)
+        choose_start(s);
+    for (size_t i = 0; i < s->n; i++) {
+        if (s->child[i].asks > 0)
+            answer_start(s, &s->child[i]);
+        if (rc == 0 && s->child[i].pid == 0)
+            rc = spawn_child(s, &s->child[i], -1, why);
     }
     if (rc < 0)
         supervisor_stop(s, NULL);
@@ -376,7 +433,7 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
                 how_it_ended(child, why);
             }
             child->raised = false;
-            rc = spawn_child(s, child, why);
+            rc = spawn_child(s, child, -1, why);
         }
     }
     return rc < 0 ? rc : revived;

@@ -13,6 +13,7 @@
 #include <apcbase.h>
 
 #define SUPERVISOR_LOOK (250 * APC_NS_PER_MS)
+#define SUPERVISOR_LEAD (2 * APC_NS_PER_S) /* t = 0 lies at most twice that, and its grid, after the start */
 
 struct child {
     const char *name;     /* "apc-plant"; NULL: it was given up */
@@ -21,6 +22,7 @@ struct child {
     bool aside;           /* no part of the loop: no task, and the run goes on without it */
     apc_ns period;        /* of its task; 0: it has none, or is not judged by it */
     int listener;         /* a socket to be handed over as systemd does; 0: none */
+    int asks;             /* on which it asks for t = 0; 0: it knows */
     pid_t pid;            /* 0: not running */
     apc_ns started;       /* monotonic; while it is not running: when to start it again */
     apc_ns ticked;        /* monotonic; when it last said so */
@@ -38,7 +40,8 @@ struct supervisor {
     char folder[512]; /* of the programs */
     const char *config, *timer, *dir;
     bool spin, hold_latency;
-    apc_ns start;        /* monotonic: t = 0 */
+    apc_ns start;        /* monotonic: t = 0; of a real plant supervisor_start() chooses it */
+    apc_ns chosen;       /* the same in UTC, when it was chosen */
     apc_ns simulated;    /* t = 0 of a simulated plant, UTC; 0: time is real */
     int notify;          /* the socket */
     apc_ns heard;        /* monotonic; when it was last listened to; 0: never */
@@ -47,8 +50,8 @@ struct supervisor {
     size_t n;
 };
 
-/* Find the programs beside this one, start all; SIGUSR1 to those that run already, which begin anew. On failure all have
- * been stopped. */
+/* Find the programs beside this one, start all; SIGUSR1 to those that run already, which begin anew. t = 0 is chosen when
+ * the daemons have loaded the experiment: soon on a machine at rest, later on a busy one. On failure all have been stopped. */
 int supervisor_start(struct supervisor *s, struct apc_error *why);
 /* Wait until @p timeout, or a signal, listening to the children meanwhile: their socket holds a few messages
  * only (ten, unless net.unix.max_dgram_qlen says more), and many children say more than that between two

@@ -25,6 +25,7 @@ for program in "${daemons[@]}"; do
   expect 2 'no experiment file: give --config' "$APC_BIN/$program"
   expect 1 'nowhere\.conf: there is no such file or folder' "$APC_BIN/$program" --config "$work/nowhere.conf"
   expect 2 'start.*2026-01-31T12:00:00Z' "$APC_BIN/$program" --config "$good" --start yesterday
+  expect 2 'start "": must be a time such as 2026-01-31' "$APC_BIN/$program" --config "$good" --start - # of nobody who answers
   expect 1 'timer.*sundial.*deadline' "$APC_BIN/$program" --config "$good" --timer sundial
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
   expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop

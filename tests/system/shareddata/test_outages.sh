@@ -72,7 +72,7 @@ times() { grep -c "$1" "$work/historian.log" || true; }
 background run "$apc" run "$work/twin.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
 run=$pid
 until_true 60 more 2
-start=$(tr '\0' '\n' <"/proc/$(pgrep -P "$run" -x apc-client)/cmdline" | sed -n '/^--start$/{n;p}')
+start=$(sed -nE 's/^start = "(.*)";.*/\1/p' "$work/run/record.conf")
 background historian "$APC_BIN/apc-historian" --config "$work/twin.conf" --store "$live" --history postgresql:
 historian=$pid
 in_history() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 1 ]; }
