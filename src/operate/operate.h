@@ -393,6 +393,9 @@ int operation_ready(struct operation *o, struct apc_store *store, struct change_
 /* Returns 0, or an error: "confirm"; "second", nothing was written but that it is asked for, or is already; "ramp", there is none to stop, or no value to begin at; APC_ECONFLICT, "stale", then newest is; "unknown": it may have been written; "store";
  * "record": it was written, but its event was not. */
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why);
+/* Before anything is written: has each of its events, with @p also, room for the reason? Returns 0, or APC_EINVAL
+ * with "value". operation_begin() and operation_refuse() ask it. */
+int operation_fits(const struct operation *o, const char *also, struct change_fault *why);
 /* Its events alone, with @p also said in each. Returns 0, APC_ENOMEM or the store's error. */
 int operation_record(const struct operation *o, struct apc_store *store, const char *also);
 /* Returns 1: all is settled, or has taken too long; 0: not yet; or the store's error. */

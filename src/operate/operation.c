@@ -500,20 +500,45 @@ char *operation_taken(const struct operation *o, const struct apc_sample *row, c
     return text;
 }
 
+/* As snprintf(). */
+static int event_words(const struct operation *o, const char *what, const char *also, const char *reason,
+                       char *text, size_t size)
+{
+    return snprintf(text, size, "%s%s%s%s%s", what, also, o->note ? o->note : "", reason[0] ? ": " : "",
+                    reason);
+}
+
+int operation_fits(const struct operation *o, const char *also, struct change_fault *why)
+{
+    const bool one = o->group && operation_is_one(o);
+    char what[192];
+    for (size_t i = 0; i < (one ? 1 : o->n) && o->reason; i++) {
+        change_words(&o->change[i], one ? o->group : NULL, what, sizeof what);
+        const int room = (int)sizeof what - 1 - event_words(o, what, also, "", NULL, 0) - 2;
+        if (o->reason[0] && (int)strlen(o->reason) > room)
+            return change_fail(why, APC_EINVAL, "value",
+                               "\"reason\" must have at most %d bytes beside the other words of its event, "
+                               "%.90s: shorten it",
+                               room > 0 ? room : 0, what);
+    }
+    return 0;
+}
+
 static size_t words_of_events(const struct operation *o, struct apc_event *event, const char *also)
 {
     const bool one = o->group && operation_is_one(o);
-    const char *note = o->note ? o->note : "", *reason = o->reason ? o->reason : "";
-    const char *because = reason[0] ? ": " : "";
+    const char *reason = o->reason ? o->reason : "";
     char text[192];
     size_t n = 0;
     for (size_t i = 0; i < (one ? 1 : o->n); i++)
-        snprintf(event[n++].text, sizeof event->text, "%s%s%s%s%s",
-                 change_words(&o->change[i], one ? o->group : NULL, text, sizeof text), also, note, because,
-                 reason);
+        event_words(o, change_words(&o->change[i], one ? o->group : NULL, text, sizeof text), also, reason,
+                    event[n++].text, sizeof event->text);
     for (size_t i = 0; i < o->with.n; i++)
-        if (operation_taken(o, &o->with.at[i], text, sizeof text))
-            snprintf(event[n++].text, sizeof event->text, "%.120s%s%s%s", text, note, because, reason);
+        if (operation_taken(o, &o->with.at[i], text, sizeof text)) {
+            char *to = event[n++].text;
+            if (event_words(o, text, "", reason, to, sizeof event->text) >= (int)sizeof event->text)
+                event_words(o, text, "", "", to, sizeof event->text); /* that of the change has it */
+        }
     for (size_t i = 0; i < n; i++) {
         event[i].time = o->time;
         event[i].severity = APC_EVENT_INFO;
@@ -556,6 +581,11 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
     int rc = look_at_ramps(o, store, why);
     for (size_t i = 0; i < o->n && rc == 0 && !o->confirmed; i++)
         rc = change_step(&o->change[i], why);
+    char asked[APC_AUTHOR_LEN + 16] = "";
+    if (o->approval)
+        snprintf(asked, sizeof asked, " (asked by %s)", o->approval->asker);
+    if (rc == 0)
+        rc = operation_fits(o, asked, why);
     if (rc < 0)
         return rc;
     rc = o->author[0] ? apc_store_author(store, o->author) : 0;
@@ -579,9 +609,6 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
     }
     if (rc < 0)
         return fail_of_store(store, rc, why);
-    char asked[APC_AUTHOR_LEN + 16] = "";
-    if (o->approval)
-        snprintf(asked, sizeof asked, " (asked by %s)", o->approval->asker);
     rc = operation_record(o, store, asked);
     return rc < 0 ? change_fail(why, rc, "record", "the change was made, but not recorded as an event: %s",
                                 apc_store_error(store))

@@ -30,7 +30,7 @@ struct look {
     struct change_fault why;
     struct change change;
     struct operation operation;
-    char note[128];
+    char note[64];
     struct apc_sample *mark; /* its own, or where its own goes */
     char said[256];
 };
@@ -153,10 +153,13 @@ static int look_at_request(struct requests *r, const struct apc_request *q, stru
         l->known = true;
     }
     change_make(&r->plant.view, &to, q->value, &l->change);
-    snprintf(l->note, sizeof l->note, " (request %lld of %.30s%s%.40s)", (long long)q->id, q->role,
-             q->reason[0] ? ": " : "", q->reason);
-    l->operation = (struct operation){
-        .plant = &r->plant.view, .change = &l->change, .n = 1, .author = q->author, .note = l->note};
+    snprintf(l->note, sizeof l->note, " (request %lld of %.30s)", (long long)q->id, q->role);
+    l->operation = (struct operation){.plant = &r->plant.view,
+                                      .change = &l->change,
+                                      .n = 1,
+                                      .author = q->author,
+                                      .note = l->note,
+                                      .reason = q->reason};
     const int rc = operation_look(&l->operation, r->live);
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
@@ -213,6 +216,8 @@ static bool is_wrong(const struct requests *r, struct look *l)
         rc = change_now(&r->plant.view, &l->change.to, &l->change.mode, &l->why);
     if (rc == 0)
         rc = change_step(&l->change, &l->why);
+    if (rc == 0)
+        rc = operation_fits(&l->operation, "", &l->why);
     return rc < 0 && note_outcome(l, "refused: %s", l->why.text);
 }
 
@@ -256,7 +261,7 @@ static int do_it(struct requests *r, struct look *l)
     operation_end(&l->operation);
     if (rc == APC_ECONFLICT)
         return 1;
-    if (rc < 0 && !strcmp(l->why.code, "second")) { /* done again it waits already */
+    if (rc < 0 && (rc == APC_EINVAL || !strcmp(l->why.code, "second"))) { /* done again it waits already */
         note_outcome(l, "refused: %s", l->why.text);
         return say_outcome(r, l, 0, l->said);
     }

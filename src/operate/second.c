@@ -147,6 +147,10 @@ int operation_ask(struct operation *o, struct apc_store *store, uint32_t author,
         return change_fail(why, APC_EPERM, "second",
                            "%.60s takes two persons, and who asks for it is not known: log in first",
                            first->to.name);
+    snprintf(waits, sizeof waits, " waits %g s for a second person", first->to.second);
+    rc = operation_fits(o, waits, why);
+    if (rc < 0)
+        return rc;
     rc = put_asked(o, store, author);
     if (rc == APC_ECONFLICT)
         return change_fail(why, APC_EPERM, "second",
@@ -155,7 +159,6 @@ int operation_ask(struct operation *o, struct apc_store *store, uint32_t author,
     if (rc < 0)
         return change_fail(why, rc, "store", "%s",
                            rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
-    snprintf(waits, sizeof waits, " waits %g s for a second person", first->to.second);
     rc = operation_record(o, store, waits);
     if (rc < 0)
         return change_fail(why, rc, "record", "it was asked for, but that was not recorded as an event: %s",
@@ -269,8 +272,11 @@ int operation_approve(struct operation *o, struct apc_store *store, apc_ns only,
 int operation_refuse(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
     char also[APC_AUTHOR_LEN + 32];
-    const int author = o->author[0] ? apc_store_author(store, o->author) : 0;
-    int rc = author;
+    snprintf(also, sizeof also, " refused (asked by %s)", o->approval->asker);
+    int rc = operation_fits(o, also, why);
+    if (rc < 0)
+        return rc;
+    const int author = rc = o->author[0] ? apc_store_author(store, o->author) : 0;
     o->time = o->time > 0 ? o->time : apc_clock_utc(NULL);
     for (size_t i = 0; i < o->approval->n; i++) {
         struct apc_sample *row = &o->approval->row[i];
@@ -284,7 +290,6 @@ int operation_refuse(struct operation *o, struct apc_store *store, struct change
         return change_approved(why);
     if (rc < 0)
         return change_fail(why, rc, "store", "%s", apc_store_error(store));
-    snprintf(also, sizeof also, " refused (asked by %s)", o->approval->asker);
     rc = operation_record(o, store, also);
     return rc < 0 ? change_fail(why, rc, "record", "it was refused, but not recorded as an event: %s",
                                 apc_store_error(store))

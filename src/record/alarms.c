@@ -88,13 +88,24 @@ static size_t transition_at(const struct alarm_journal *j, apc_ns time)
     return first;
 }
 
-/* "NAME: shelved until TIME (REASON)", as alarm_summary_words() says it: what it led to is the alarm's next
- * transition by a person. */
+/* "NAME: shelved until TIME (REASON)", as alarm_summary_words() says it, or, of the page, "... (from ADDRESS)" with
+ * ": REASON" behind it; NULL: out of memory. */
+static char *reason_of_words(const char *words)
+{
+    const char *from = strstr(words, " (from "), *begin = from ? strstr(from, "): ") : strstr(words, " (");
+    const size_t n = strlen(words);
+    if (from)
+        return strdup(begin ? begin + 3 : "");
+    return begin && words[n - 1] == ')' ? strndup(begin + 2, (size_t)(words + n - 1 - begin - 2))
+                                        : strdup("");
+}
+
+/* What it led to is the alarm's next transition by a person. */
 static int take_reason(void *ctx, const struct apc_event *event)
 {
     struct explaining *x = ctx;
-    const char *colon = strstr(event->text, ": "), *begin = colon ? strstr(colon, " (") : NULL;
-    const size_t n = strlen(event->text), named = colon ? (size_t)(colon - event->text) : 0;
+    const char *colon = strstr(event->text, ": ");
+    const size_t named = colon ? (size_t)(colon - event->text) : 0;
     size_t i = transition_at(x->journal, event->time - EARLY);
     if (strcmp(event->kind, "operator") != 0 || !colon)
         return 0;
@@ -103,9 +114,7 @@ static int take_reason(void *ctx, const struct apc_event *event)
         const char *name = x->e->alarm[t->alarm - 1].name;
         if (t->author == 0 || t->reason || strlen(name) != named || strncmp(event->text, name, named) != 0)
             continue;
-        t->reason = begin && event->text[n - 1] == ')'
-                        ? strndup(begin + 2, (size_t)(event->text + n - 1 - begin - 2))
-                        : strdup("");
+        t->reason = reason_of_words(colon);
         x->failed = !t->reason;
         break;
     }

@@ -159,6 +159,16 @@ test("the sentences of the server have their places in order", () => {
   }
 });
 
+test("no sentence of the server hides behind one before it", () => {
+  speak("de");
+  for (const [english, german] of Object.entries(sentences)) {
+    const pieces: string[] = [];
+    const text = english.replace(/\{(=|mode|s|)\}/g, (_, kind: string) => (kind === "s" ? "" : (pieces.push(kind === "mode" ? "Auto" : `X${pieces.length}`), pieces.at(-1) as string)));
+    assert.equal(said(text), german.replace(/\{(\d)\}/g, (_, n: string) => known("mode", pieces[Number(n) - 1] as string)));
+  }
+  speak("en");
+});
+
 test("the server's sentences are worded in German, whatever they are put together of", () => {
   const events = {
     "running every 1 s": "läuft alle 1 s",
@@ -173,6 +183,7 @@ test("the server's sentences are worded in German, whatever they are put togethe
     "y.high: acknowledged (from ::1): seen": "y.high: quittiert (von ::1): seen",
     "h1: mode Auto: output held: measurement 3 is stale": "h1: Betriebsart Automatik: Stellgröße gehalten: Messwert 3 veraltet",
     "mode Man": "Betriebsart Hand",
+    "u: output held: setpoint r is missing": "u: Stellgröße gehalten: Sollwert r fehlt",
     "u: output held: law pi failed": "u: Stellgröße gehalten: Regelgesetz pi ist fehlgeschlagen",
     "no new command for 15.000 s: plant at its safe value": "seit 15.000 s kein neuer Stellbefehl: Anlage auf ihrem sicheren Wert",
     "r: the ramp arrived at 50": "r: die Rampe ist angekommen bei 50",

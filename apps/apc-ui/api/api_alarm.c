@@ -328,6 +328,29 @@ static bool stale(struct request *r, const struct alarm_now *now, const struct a
                      apc_alarm_state_name(alarm_summary_state(now)));
 }
 
+#define OUTCOME_UNKNOWN ", outcome unknown"
+
+/* As snprintf(). */
+static int words_of_order(const struct request *r, const struct order *o, const char *outcome, char *text,
+                          size_t size)
+{
+    char what[192];
+    alarm_summary_words(r->name, &o->change.after, NULL, what, sizeof what);
+    return snprintf(text, size, "%s%s (from %s)%s%s", what, outcome, r->from->address,
+                    o->reason[0] ? ": " : "", o->reason);
+}
+
+/* Of the event, for all of the reason? */
+static bool reason_has_room(struct request *r, const struct order *o)
+{
+    const int had = (int)strlen(o->reason), over = words_of_order(r, o, OUTCOME_UNKNOWN, NULL, 0) - 191;
+    return had == 0 || over <= 0 ||
+           fault_set(&r->fault, 422, "value", "reason",
+                     "\"reason\" must have at most %d bytes beside the other words of its event, %.90s: "
+                     "shorten it",
+                     had - over, r->name);
+}
+
 /* May it be, as the alarm stands? Who acknowledges what has gone again since he looked means the same one:
  * whether it is, its evaluation says. */
 static bool check_alarm_now(struct request *r, const struct alarm_summary *board, const struct alarm_now *now,
@@ -348,7 +371,7 @@ static bool check_alarm_now(struct request *r, const struct alarm_summary *board
         return fault_set(&r->fault, 409, "alarm", NULL, "%s", why.text);
     wanted.value = o->change.after.value;
     o->change.after = wanted;
-    return true;
+    return reason_has_room(r, o);
 }
 
 static void record_alarm_write(struct ui *ui, const struct request *r, const struct order *o,
@@ -356,10 +379,7 @@ static void record_alarm_write(struct ui *ui, const struct request *r, const str
 {
     struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
     snprintf(event.source, sizeof event.source, "%s", o->write.user);
-    alarm_summary_words(r->name, &o->change.after, NULL, event.text, sizeof event.text);
-    const size_t n = strlen(event.text);
-    snprintf(event.text + n, sizeof event.text - n, "%s (from %s)", outcome, r->from->address);
-    event_because(&event, o->reason);
+    words_of_order(r, o, outcome, event.text, sizeof event.text);
     audit(ui, store, &event);
 }
 
@@ -410,7 +430,7 @@ static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm
                     : unknown ? -1
                               : 0);
     if (rc >= 0 || unknown)
-        record_alarm_write(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
+        record_alarm_write(ui, r, o, unknown ? NULL : store, unknown ? OUTCOME_UNKNOWN : "");
 }
 
 /* Who evaluates alarms is no controller. */

@@ -161,13 +161,6 @@ bool request_may_write(struct ui *ui, struct request *r)
     return fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
 }
 
-void event_because(struct apc_event *event, const char *reason)
-{
-    const size_t n = strlen(event->text), room = sizeof event->text - n;
-    if (reason[0])
-        snprintf(event->text + n, room, ": %.*s", (int)room - 3, reason);
-}
-
 static bool read_value(struct request *r, const json_t *object, struct order *o, enum apc_table table)
 {
     int64_t id, seq;

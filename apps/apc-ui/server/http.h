@@ -116,7 +116,6 @@ bool request_begin(struct ui *ui, struct request *r, const struct write *write, 
 bool request_may_write(struct ui *ui, struct request *r);
 /* What operate says is wrong, with the status of its code. Returns false. */
 bool fault_change(struct request *r, const struct change_fault *why, const char *field);
-void event_because(struct apc_event *event, const char *reason);
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);
 /* Nobody reads what is written into a history: then, or when it does not answer, a fault is set. */

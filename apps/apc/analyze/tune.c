@@ -201,8 +201,8 @@ int command_tune(int argc, char **argv)
         return cli_usage(&cli, "--suggest finds the numbers: no NAME=VALUE, --json or --csv with it");
     if (cli.n_args > 0 && cli.format != CLI_TEXT)
         return cli_usage(&cli, "--json and --csv show the tuning; they do not go with a change");
-    int rc = EXIT_OK;
-    if (options.run) {
+    int rc = options.apply || (!options.run && cli.n_args > 0) ? EXIT_OK : cli_only_shows(&cli);
+    if (rc == EXIT_OK && options.run) {
         const int found = suggest(&options, &suggested, &why);
         rc = found < 0 ? cli_error(&cli, found, "%s", why.text) : EXIT_OK;
     }

@@ -232,6 +232,19 @@ int cli_done(const struct cli *cli, int rc)
     return rc == EXIT_OK ? EXIT_ERROR : rc;
 }
 
+int cli_only_shows(const struct cli *cli)
+{
+    return cli->reason || cli->no_wait
+               ? cli_usage(cli, "%s goes with a write, and nothing is written here: leave it out",
+                           cli->reason ? "--reason" : "--no-wait")
+               : EXIT_OK;
+}
+
+const char *cli_unkept(const struct cli *cli)
+{
+    return cli->reason ? ": nothing was written, nor the reason" : "";
+}
+
 int cli_store_error(const struct cli *cli, int err, const struct apc_store *store)
 {
     const char *why = apc_store_error(store);

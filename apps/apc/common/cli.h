@@ -64,6 +64,10 @@ void cli_find_store(struct cli *cli);
 int cli_error(const struct cli *cli, int err, const char *fmt, ...) APC_PRINTF(3, 4);
 /* A usage error that only shows after cli_parse(). Returns EXIT_USAGE. */
 int cli_usage(const struct cli *cli, const char *fmt, ...) APC_PRINTF(2, 3);
+/* Nothing is to be written: EXIT_OK, or a usage error where --reason or --no-wait is given. */
+int cli_only_shows(const struct cli *cli);
+/* Behind the answer where all is as it is to be: that the reason was not kept; "" where there is none. */
+const char *cli_unkept(const struct cli *cli);
 /* The same as cli_error() for the last failure of a store. */
 int cli_store_error(const struct cli *cli, int err, const struct apc_store *store);
 

@@ -602,6 +602,8 @@ static int check_request(struct session *s)
         return cli_usage(&s->cli, "--at goes with apc alarm list");
     if (k >= 3 && s->cli.n_args < 2 && !(s->options.all && !strcmp(what, "ack")))
         return cli_usage(&s->cli, "%s wants the name of an alarm", what);
+    if (k < 3 && cli_only_shows(&s->cli) != EXIT_OK)
+        return EXIT_USAGE;
     if (!strcmp(what, "shelve") && !s->options.for_)
         return cli_usage(&s->cli, "shelve wants an end: --for 30m");
     return cli_duration(&s->cli, "for", s->options.for_, &s->duration);

@@ -98,7 +98,9 @@ int command_approve(int argc, char **argv)
     cli_parse(&cli, &approve_spec, &own, argc, argv);
     if (own.refuse && cli.n_args == 0)
         return cli_usage(&cli, "expected --refuse VARIABLE");
-    int rc = exit_code_of(cli_open(&cli, &store));
+    int rc = cli.n_args > 0 ? EXIT_OK : cli_only_shows(&cli);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
         rc = cli_live(&cli, store);
     if (rc == EXIT_OK)

@@ -226,7 +226,8 @@ static int already(const struct cli *cli, struct apc_store *store, const struct 
     const int rc = cli->no_wait ? EXIT_OK : operate_ready(cli, store, o);
     if (rc != EXIT_OK)
         return rc;
-    printf("%s%s: %s already\n", c->group[0] ? c->group : c->loop[0]->name, c->group[0] ? "" : " mode", word);
+    printf("%s%s: %s already%s\n", c->group[0] ? c->group : c->loop[0]->name, c->group[0] ? "" : " mode",
+           word, cli_unkept(cli));
     return EXIT_OK;
 }
 
@@ -290,7 +291,9 @@ int command_mode(int argc, char **argv)
         return cli_usage(&cli, "%s", why.text);
     if (changes && cli.format != CLI_TEXT)
         return cli_usage(&cli, "--json and --csv show the mode; they do not go with a change");
-    int rc = exit_code_of(cli_open(&cli, &store));
+    int rc = changes ? EXIT_OK : cli_only_shows(&cli);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_plant_load(&cli, store, &plant));
     if (rc == EXIT_OK)
@@ -378,7 +381,7 @@ static int change_to_remote(const struct cli *cli, struct apc_store *store, cons
         local |= loops_is_local(&o.change[i].before);
     for (size_t i = 0; i < o.n && rc == EXIT_OK && !local; i++) {
         print_clean(stdout, o.change[i].to.name);
-        puts(": Remote already");
+        printf(": Remote already%s\n", cli_unkept(cli));
     }
     if (rc == EXIT_OK && local)
         rc = operate(cli, store, &o);

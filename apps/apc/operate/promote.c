@@ -174,7 +174,7 @@ static int change_acting(struct promotion *p)
 {
     const apc_ns patience = 5 * p->to->period + GRACE;
     if (p->row[CHOICE].seq > 0 && p->row[CHOICE].value == (double)p->to->number && is_promoted_acting(p)) {
-        printf("%s acts already\n", p->to->name);
+        printf("%s acts already%s\n", p->to->name, cli_unkept(p->cli));
         return EXIT_OK;
     }
     int rc = p->cli->no_wait ? EXIT_OK : await_tick(p, patience);

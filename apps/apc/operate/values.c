@@ -320,7 +320,7 @@ static int retake(const struct cli *cli, const struct past *past, const struct s
     if (operation_retake(&o, past->present, of, &why) < 0)
         rc = cli_error(cli, why.err, "%s: nothing was written", why.text);
     else if (o.n == 0)
-        printf("nothing differs from what was set as of %s\n", time);
+        printf("nothing differs from what was set as of %s%s\n", time, cli_unkept(cli));
     else if (own->apply)
         rc = operate(cli, past->present, &o);
     else if (show_retaken(&o) < 0)
@@ -366,8 +366,10 @@ int command_set(int argc, char **argv)
     struct cli cli;
 
     cli_parse(&cli, &set_spec, &own, argc, argv);
-    if (own.from)
-        return set_from(&cli, &own);
+    if (own.from) {
+        const int rc = own.apply ? EXIT_OK : cli_only_shows(&cli);
+        return rc == EXIT_OK ? set_from(&cli, &own) : rc;
+    }
     if (cli.n_args == 0)
         return cli_usage(&cli, "expected %s", own.stop ? "VARIABLE..." : "VARIABLE VALUE");
     if (!own.stop && cli.n_args % 2)

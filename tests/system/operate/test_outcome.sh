@@ -13,6 +13,12 @@ until_true 30 good
 # Promise(run/commands-operator-answer): The commands of an operator, each with its answer.
 
 # Promise(run/reason-of-a-write): `--reason` of a write stands behind it in its event, as one line, whatever is in it.
+# Promise(run/reason-of-nothing): Where nothing is written `--reason` is refused, or it is said that it was not kept.
+for shows in 'mode' 'mode u' 'tune' 'tune --suggest gone' 'approve' 'set --from 1h' 'alarm list' 'alarm try'; do
+  # shellcheck disable=SC2086
+  expect 2 'reason goes with a write, and nothing is written here: leave it out' "$apc" $shows --reason why
+done
+expect 0 '^mode: Auto already: nothing was written, nor the reason$' "$apc" mode auto --reason why
 expect 0 '^r: 10 -> 12 \(applied\)$' "$apc" set r 12 --reason $'too \e[1mcold\nÜ\xff'
 [ "$(sql 'SELECT z.value FROM apc.actual a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.origin
           WHERE a.id = 19 AND a.status = 0 ORDER BY a.seq DESC LIMIT 1')" = 12 ] || fail "the setpoint was not used when it was said to be"

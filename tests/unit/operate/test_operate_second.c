@@ -259,6 +259,45 @@ static void of_two_at_once_one_has_his_way(void **state)
     free(o.change);
 }
 
+/* Promise(run/reason-has-room): A reason that its event has no room for is refused before anything is written. */
+static void a_reason_that_its_event_has_no_room_for_is_refused(void **state)
+{
+    char reason[81] = {0}, *room;
+    const char note[] =
+        " (from 2001:0db8:0000:0000:0000:0000:1428:57ab, through the gateway of the eastern works)";
+    struct change change;
+    struct change_target to;
+    struct change_fault why;
+    struct approval approval = {0};
+    struct operation o = {
+        .plant = &plant.view, .change = &change, .n = 1, .author = "anna", .note = note, .reason = reason};
+    (void)state;
+
+    memset(reason, 'x', 80);
+    assert_int_equal(change_find(&plant.view, "w", CHANGE_SETPOINT, &to, &why), 0);
+    change_make(&plant.view, &to, 12, &change);
+    assert_int_equal(operation_read(&o, store), 0);
+    assert_int_equal(operation_begin(&o, store, &why), APC_EINVAL);
+    assert_string_equal(why.code, "value");
+    assert_int_equal(waits(), 0);
+    room = strstr(why.text, "at most ");
+    assert_non_null(room);
+    reason[strtol(room + 8, NULL, 10)] = '\0'; /* as it says */
+    assert_int_equal(operation_begin(&o, store, &why), APC_EPERM);
+    assert_string_equal(why.code, "second");
+    assert_int_equal(waits(), 1);
+    on_record("anna", last.text);
+    assert_string_equal(last.text + 191 - strlen(reason), reason);
+
+    struct operation no = {.plant = &plant.view, .author = "bob", .note = note, .reason = reason};
+    memset(reason, 'x', 80);
+    assert_int_equal(operation_approve(&no, store, 0, "w", true, &approval, &why), 0);
+    assert_int_equal(operation_refuse(&no, store, &why), APC_EINVAL);
+    assert_int_equal(waits(), 1);
+    free(approval.row);
+    free(no.change);
+}
+
 static struct apc_request of_all = {
     .id = 1, .left = S, .table = APC_OPMODE, .value = APC_MODE_MAN, .seq = -1, .author = "anna"};
 static char outcome[192];
@@ -311,6 +350,7 @@ int main(void)
         T(of_two_that_wait_under_one_name_it_is_said_which),
         T(all_of_a_controller_takes_two_and_a_ramp_is_stopped_by_one),
         T(of_two_at_once_one_has_his_way),
+        T(a_reason_that_its_event_has_no_room_for_is_refused),
         T(the_mode_of_all_from_a_history_is_no_way_round),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -271,7 +271,7 @@ static void what_was_written_is_settled_by_what_its_controller_says(void **state
     assert_settled("applied");
     became(APC_TUNING, KP, seq + 1, 0.7, APC_GOOD);
     assert_settled("superseded: it is 0.7 now");
-    assert_string_equal(events(), "u.Kp: 0.2 -> 0.4 (request 1 of apc_operator: because)\n");
+    assert_string_equal(events(), "u.Kp: 0.2 -> 0.4 (request 1 of apc_operator): because\n");
     assert_int_equal(newest(APC_TUNING, KP).seq, seq); /* it was done once */
 }
 
@@ -321,7 +321,7 @@ static void an_output_is_for_loops_in_man(void **state)
                                .origin = seq,
                                .status = APC_BAD});
     assert_settled("refused: its loop is not in Man");
-    assert_string_equal(events(), "u: no value yet -> 3 (request 4 of apc_operator: because)\n");
+    assert_string_equal(events(), "u: no value yet -> 3 (request 4 of apc_operator): because\n");
 }
 
 static void what_is_not_confirmed_for_long_is_settled_so(void **state)
@@ -354,8 +354,8 @@ static void what_opens_a_cascade_or_is_the_schedulers_is_said(void **state)
     snprintf(expected, sizeof expected,
              "r: 1 -> 2 (request %lld of apc_operator)\nr taken Local, cascade open (request %lld of "
              "apc_operator)\n"
-             "w: 5 -> 7 (request %lld of apc_operator: because)\nw taken Local, the scheduler stands aside "
-             "(request %lld of apc_operator: because)\n",
+             "w: 5 -> 7 (request %lld of apc_operator): because\nw taken Local, the scheduler stands aside "
+             "(request %lld of apc_operator): because\n",
              (long long)asked.id - 1, (long long)asked.id - 1, (long long)asked.id, (long long)asked.id);
     assert_string_equal(events(), expected);
 }
@@ -410,7 +410,7 @@ static void an_event_that_is_missing_is_made_up_for(void **state)
     assert_int_equal(said.seq, 2);
     assert_string_equal(said.outcome, "applied");
     char expected[100];
-    snprintf(expected, sizeof expected, "u.Kp: no value yet -> 0.4 (request %lld of apc_operator: because)\n",
+    snprintf(expected, sizeof expected, "u.Kp: no value yet -> 0.4 (request %lld of apc_operator): because\n",
              (long long)asked.id);
     assert_string_equal(events(), expected);
 }

@@ -355,6 +355,14 @@ static void a_reason_is_on_record(void **state)
     assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"reason\":\"valve 3 stuck\"}"), 200);
     assert_true(apc_store_events(store, NULL, last_event, &event) >= 1);
     assert_string_equal(event.text, "y.high: acknowledged (from 10.0.0.7): valve 3 stuck");
+    evaluate();
+    struct alarm_journal journal;
+    assert_non_null(strstr(ask_text(get_alarm_journal), "Acknowledged Active"));
+    assert_int_equal(alarm_journal_load(&journal, store, 2, NULL), 0);
+    assert_int_equal(alarm_journal_reasons(&journal, store, &ui->desk[DESK_PAST].board.e), 0);
+    assert_int_equal(journal.n, 2);
+    assert_string_equal(journal.at[1].reason, "valve 3 stuck");
+    alarm_journal_free(&journal);
 }
 
 /* Promise(alarms/acknowledge-once-told) */

@@ -73,7 +73,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
 
   return (
     <form
-      class={`entry${draft ? " editing" : ""}${view?.phase === "pending" ? " pending" : ""}`}
+      class={`entry${draft ? " typing" : ""}${view?.phase === "pending" ? " pending" : ""}`}
       onSubmit={event => {
         event.preventDefault();
         if (draft && !overtaken) apply(draft.seq);

@@ -32,7 +32,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
   const value = draft ? read(draft.text).value : null;
   const changed = !complaint && value !== now.value;
   return (
-    <tr class={draft ? "editing" : ""}>
+    <tr class={draft ? "typing" : ""}>
       <th scope="row">
         <label for={id}><Tag name={label} /></label>
         <small>{one && described(one)}</small>
