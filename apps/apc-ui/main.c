@@ -326,7 +326,7 @@ static int run_ui(struct ui *ui, sigset_t *signals, char **argv, struct apc_erro
     } else {
         rc = apc_fail(why, APC_ESYS, "no thread can be made");
     }
-    ui->stopping = true;
+    ui_stop(ui);
     server_stop(ui);
     if (have_live)
         pthread_join(live, NULL);

@@ -228,7 +228,7 @@ struct ui {
     char displays[4096]; /* their folder; "": there is none */
     struct server *server;
     _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
-    _Atomic bool stopping;
+    _Atomic uint32_t stopping; /* what pauses waits for it: ui_stop() */
     _Atomic unsigned writing;     /* requests that a writer has not done with yet */
     _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
 
@@ -243,6 +243,7 @@ int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_st
                   struct apc_error *why); /* timeout 0: the library's default */
 /* Wait a little, unless it is time to stop. */
 void ui_pause(struct ui *ui, apc_ns pause);
+void ui_stop(struct ui *ui); /* its threads end, and no pause goes on */
 
 /* ---- server/users.c ---- */
 /* Take the files of users and tokens as they are now; damaged: of each, that it is, and it was said. */

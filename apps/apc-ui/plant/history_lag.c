@@ -74,8 +74,7 @@ void *behind_thread(void *arg)
         ui_open_store(ui, "apc-ui history", 0, &live, &why) == 0)
         while (!ui->stopping) {
             measure_history_lag(ui, both, live);
-            for (apc_ns left = LOOK; left > 0 && !ui->stopping; left -= LOOK / 8)
-                ui_pause(ui, LOOK / 8);
+            ui_pause(ui, LOOK);
         }
     apc_store_close(live);
     apc_store_close(both);

@@ -229,7 +229,9 @@ static int live_step(struct live *l)
         rc = follow_model(l);
     if (rc < 0 || !l->seen)
         return rc;
-    rc = apc_store_wait(l->store, l->seen, l->n, l->watch->told ? WAIT_ALARMS : WAIT);
+    struct stream_stats stream;
+    stream_stats(l->ui->stream, &stream);
+    rc = apc_store_wait(l->store, l->seen, l->n, l->watch->told && stream.readers > 0 ? WAIT_ALARMS : WAIT);
     if (rc >= 0) /* nothing waits for ticks, and out of service they are all there is */
         rc = look_for_changes(l);
     if (rc >= 0)

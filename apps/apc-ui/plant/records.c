@@ -379,8 +379,7 @@ void *records_thread(void *arg)
         said = rc < 0;
         look_spools(r.ui);
         ui_look_users(r.ui, users_damaged);
-        for (apc_ns left = LOOK; left > 0 && !r.ui->stopping; left -= LOOK / 4)
-            ui_pause(r.ui, LOOK / 4);
+        ui_pause(r.ui, LOOK);
     }
     audit_flush(r.ui, r.store);
     apc_store_close(r.store);

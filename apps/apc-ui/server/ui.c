@@ -2,7 +2,11 @@
 /* What every thread of the daemon needs: a store of its own, and pauses that end with the daemon. */
 #include "apc-ui/ui.h"
 
+#include <limits.h>
+#include <linux/futex.h>
+#include <sys/syscall.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "common/storeuri.h"
 
@@ -11,8 +15,13 @@
 void ui_pause(struct ui *ui, apc_ns pause)
 {
     const struct timespec t = {pause / APC_NS_PER_S, pause % APC_NS_PER_S};
-    if (!ui->stopping)
-        nanosleep(&t, NULL);
+    syscall(SYS_futex, &ui->stopping, FUTEX_WAIT_PRIVATE, 0, &t, NULL, 0);
+}
+
+void ui_stop(struct ui *ui)
+{
+    ui->stopping = true;
+    syscall(SYS_futex, &ui->stopping, FUTEX_WAKE_PRIVATE, INT_MAX, NULL, NULL, 0);
 }
 
 int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,

@@ -215,7 +215,7 @@ static int shm_swap(struct apc_store *store, struct apc_sample *samples, size_t 
 /* ---- Wait ---------------------------------------------------------------------------------- */
 
 /* A writer may die between its commit and waking us, and the segment may be removed: look every so often. */
-#define SLICE (100 * APC_NS_PER_MS)
+#define SLICE (500 * APC_NS_PER_MS)
 
 static bool shm_any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t n)
 {

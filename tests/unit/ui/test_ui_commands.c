@@ -596,7 +596,7 @@ static void what_daemons_report_is_known_within_a_look(void **state)
     tags[0].high = 7;
     assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
     until_says(get_plant, "\"high\":7");
-    ui->stopping = true;
+    ui_stop(ui);
     assert_int_equal(pthread_join(thread, NULL), 0);
 }
 
@@ -650,7 +650,7 @@ static void newest_values_reach_the_stream_and_settle_writes(void **state)
                             .text = "u1: not today"};
     assert_int_equal(apc_store_append_events(store, &why, 1), 1);
     until_says(get_writes, "\"state\":\"failed\",\"stored\":true,\"reason\":\"u1: not today\"");
-    ui->stopping = true;
+    ui_stop(ui);
     assert_int_equal(pthread_join(thread, NULL), 0);
     stream_close(reader);
     text_free(&all);
@@ -690,7 +690,7 @@ static void every_event_of_a_flood_reaches_the_stream_in_order(void **state)
         if (!at)
             fail_msg("event %d of 3000 did not reach the stream", i);
     }
-    ui->stopping = true;
+    ui_stop(ui);
     assert_int_equal(pthread_join(thread, NULL), 0);
     stream_close(reader);
     text_free(&all);
@@ -705,7 +705,7 @@ static pthread_t start(void *(*thread)(void *))
 
 static void stop(pthread_t thread)
 {
-    ui->stopping = true;
+    ui_stop(ui);
     assert_int_equal(pthread_join(thread, NULL), 0);
 }
 

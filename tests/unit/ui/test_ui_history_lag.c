@@ -51,7 +51,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    ui->stopping = true;
+    ui_stop(ui);
     pthread_join(thread, NULL);
     model_free(&ui->model);
     free(ui);
