@@ -47,14 +47,46 @@ static int by_number(const void *x, const void *y)
     return a->number < b->number ? -1 : a->number > b->number;
 }
 
+#define SET_BACK (86400 * APC_NS_PER_S) /* of a clock: a newest row may be so much older than one before it */
+
+/* Of most alarms the newest row says that there is nothing. @p most: the highest number of all. */
+static bool may_have_moved(const struct apc_sample *newest, const struct apc_range *range, int64_t most)
+{
+    return newest->seq > (range ? range->after : 0) &&
+           (!range || ((range->since == 0 || newest->time >= range->since - SET_BACK) &&
+                       (range->last == 0 || range->until > 0 || newest->origin == 0 ||
+                        newest->origin > most - (int64_t)range->last)));
+}
+
+static int read_newest(struct apc_sample *newest, size_t n, struct apc_store *store, int64_t *most)
+{
+    for (size_t i = 0; i < n; i++)
+        newest[i] = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
+    const int rc = n > 0 ? apc_store_read(store, newest, n) : 0;
+    *most = 0;
+    for (size_t i = 0; i < n; i++)
+        *most = newest[i].origin > *most ? newest[i].origin : *most;
+    return rc;
+}
+
 int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
                        const struct apc_range *range)
 {
     struct loading l = {.journal = journal};
-    int rc = 0;
+    struct apc_sample *newest = calloc(n + 1, sizeof *newest);
+    int64_t most;
     *journal = (struct alarm_journal){0};
-    for (size_t i = 0; i < n && rc >= 0 && !l.failed; i++)
-        rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take_alarm_row, &l);
+    if (!newest)
+        return APC_ENOMEM;
+    int rc = read_newest(newest, n, store, &most);
+    /* a second time of all, where numbers are missing: those of alarms that are gone */
+    for (int again = 0; again == 0 || (again == 1 && range && journal->n < range->last); again++)
+        for (size_t i = 0; i < n && rc >= 0 && !l.failed; i++)
+            if (may_have_moved(&newest[i], range, again ? 0 : most)) {
+                rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take_alarm_row, &l);
+                newest[i].seq = -1;
+            }
+    free(newest);
     if (l.failed)
         rc = APC_ENOMEM;
     if (journal->n > 1)

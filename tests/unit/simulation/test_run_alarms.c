@@ -91,6 +91,30 @@ static void without_a_failure_there_is_no_alarm(void **state)
     experiment_free(&e);
 }
 
+/* Whichever of the alarms moved, and when: what is asked for is a part of the whole. */
+static void a_journal_of_a_window_is_that_part_of_the_whole(void **state)
+{
+    struct run r;
+    struct alarm_journal part;
+    (void)state;
+    begin(&r, PUMP);
+    const size_t n = r.journal.n;
+    assert_true(n > 4);
+    for (size_t from = 0; from < n; from++) {
+        const struct apc_range windows[] = {{.since = r.journal.at[from].time},
+                                            {.last = n - from},
+                                            {.last = n - from, .until = r.journal.at[n - 1].time + 1}};
+        for (size_t i = 0; i < sizeof windows / sizeof *windows; i++) {
+            assert_int_equal(alarm_journal_load(&part, r.s.store, r.e.n_alarms, &windows[i]), 0);
+            assert_true(part.n >= n - from && (i == 0 || part.n == n - from));
+            for (size_t k = 0; k < part.n; k++)
+                assert_int_equal(part.at[k].number, r.journal.at[n - part.n + k].number);
+            alarm_journal_free(&part);
+        }
+    }
+    end(&r);
+}
+
 /* ---- Ticks that are missed ----------------------------------------------------------------- */
 
 /* Raised how often, where each tick of the controller takes that long. */
@@ -272,6 +296,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_scenario_raises_its_alarms_in_order_and_the_same_each_time),
         cmocka_unit_test(without_a_failure_there_is_no_alarm),
+        cmocka_unit_test(a_journal_of_a_window_is_that_part_of_the_whole),
         cmocka_unit_test(ticks_that_take_longer_than_the_period_raise_an_overrun),
         cmocka_unit_test(what_was_of_another_alarm_is_nothing_of_the_one_that_has_its_number_now),
         cmocka_unit_test(floods_chattering_and_standing_alarms_are_counted),
