@@ -41,6 +41,17 @@ int runstore_find(struct runstore *r, const char *dir, struct apc_error *why)
     return 0;
 }
 
+/* Is it a store in a file that is not there, as where a run's folder was moved without it? */
+static bool is_file_gone(const char *uri)
+{
+    char path[PATH_MAX];
+    if (strncmp(uri, "sqlite:", strlen("sqlite:")) != 0)
+        return false;
+    uri += strlen("sqlite:");
+    snprintf(path, sizeof path, "%.*s", (int)strcspn(uri, "?"), uri);
+    return access(path, F_OK) != 0;
+}
+
 /* Why a folder names no store that can be opened. */
 static int fail_no_store(const char *dir, struct apc_error *why)
 {
@@ -48,6 +59,11 @@ static int fail_no_store(const char *dir, struct apc_error *why)
     const int rc = record_stores(&recorded, dir, why);
     if (rc < 0)
         return rc;
+    if (is_file_gone(recorded.history))
+        return apc_fail(why, APC_ENOTFOUND,
+                        "the store of %s's run is not there (%s): put it beside the run's other files, as "
+                        "store.db; its values are in samples.csv too, if it ended well",
+                        dir, recorded.history);
     if (recorded.history[0])
         return apc_fail(why, APC_ENOTFOUND, "the store of %s's run wants a password: give --store URI", dir);
     if (recorded.live[0])
@@ -68,6 +84,8 @@ int runstore_uri(const char *dir, char uri[RUNSTORE_LEN], struct apc_error *why)
     const int rc = runstore_find(&r, dir, why);
     if (rc < 0)
         return rc;
+    if (is_file_gone(r.history))
+        r.history[0] = '\0';
     snprintf(uri, RUNSTORE_LEN, "%s%s%.1000s", r.live, r.live[0] && r.history[0] ? "+" : "", r.history);
     return uri[0] ? 0 : fail_no_store(dir, why);
 }

@@ -58,6 +58,14 @@ expect 0 '' env -u APC_STORE "$apc" report "$work/mpc" --html "$work/mpc.html"
 shown "$work/mpc.html" '^h1 \| 5 \| 46\.[0-9]+ \| 46\.[0-9]+ \| -?0\.0' '^ \| 300 \| 46\.[0-9]+ \| - \| -$' || fail "the page has no prediction: $(sed -n '/Prediction/,/Outages/p' "$work/mpc.html")"
 ! grep -q '<h2>Prediction' "$page" || fail "there is a prediction of a law that makes none"
 expect 0 '<h1>Report pump-failure</h1>' env -u APC_STORE "$apc" report "$work/run" --from 500 --to 1000 --html -
+
+# ---- Of a folder that was moved without its store: of its other files
+mv "$work/run" "$work/moved"
+mv "$work/moved/store.db" "$work/store.db"
+expect 0 'has no journal of alarms' env -u APC_STORE "$apc" report "$work/moved" --html -
+expect 1 "the store of .*moved's run is not there .sqlite:.*/run/store\.db.: put it beside" env -u APC_STORE "$apc" get --store "$work/moved"
+mv "$work/store.db" "$work/moved"
+mv "$work/moved" "$work/run"
 expect 0 '' env -u APC_STORE "$apc" report --store "$work/run" --from 1970-01-01 --to 2026-01-01 --html "$work/decades.html"
 labels=$(grep -c 'text-anchor="middle">' "$work/decades.html")
 [ "$labels" -ge 8 ] && [ "$labels" -le 18 ] || fail "decades have $labels times at two trends"
