@@ -439,6 +439,8 @@ export const de = {
   "drawing.link": "das Ziel eines Links",
   "drawing.deep": "seine Teile liegen mehr als {most} tief ineinander",
   "drawing.many": "es hat mehr als {most} Teile",
+  "drawing.bound": "mehr als {most} seiner Elemente zeigen ein Signal: daraus mehrere Bilder machen",
+  "drawing.trends": "es hat mehr als {most} Trends: daraus mehrere Bilder machen",
   "drawing.noSvg": "die Datei ist kein SVG",
   "drawing.noSize": "das Bild hat weder viewBox noch width und height",
   "drawing.notShown": "das Bild wird nicht gezeigt: {why}",

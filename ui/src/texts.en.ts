@@ -438,6 +438,8 @@ export const en = {
   "drawing.link": "the target of a link",
   "drawing.deep": "its parts lie more than {most} deep in one another",
   "drawing.many": "it has more than {most} parts",
+  "drawing.bound": "more than {most} of its elements show a signal: make several displays of it",
+  "drawing.trends": "it has more than {most} trends: make several displays of it",
   "drawing.noSvg": "the file is no SVG",
   "drawing.noSize": "the drawing has neither viewBox nor width and height",
   "drawing.notShown": "the drawing is not shown: {why}",

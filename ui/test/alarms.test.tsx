@@ -75,17 +75,17 @@ test("the list of alarms stands still while somebody points at it, and a press i
   };
   await happens("pointerenter", list);
   env.source.send("alarms", {t: server.now, alarms: [stands(1, 9, "Unacknowledged Active")]});
-  await settle();
+  await env.pass(0.5);
   assert.deepEqual(names(), ["y2.low"], "what has come since takes a place in the list");
   assert.equal(said(".list-state"), "1 shown 1 new, shown when you leave [priority 2: alarms] 1");
   env.source.send("alarms", {t: server.now, alarms: [stands(2, 2, "Normal")]});
-  await settle();
+  await env.pass(0.5);
   assert.deepEqual(names(), ["y2.low"], "what has gone has left a gap");
   await happens("pointerleave", list);
   assert.deepEqual(names(), ["y1.high"]);
   await happens("pointermove", list);
   env.source.send("alarms", {t: server.now, alarms: [stands(2, 3, "Unacknowledged Active")]});
-  await settle();
+  await env.pass(0.5);
   assert.deepEqual(names(), ["y1.high"]);
   await server.run(62);
   assert.deepEqual(names(), ["y1.high", "y2.low"], "nobody moves any more, and new alarms wait");
@@ -95,7 +95,7 @@ test("the list of alarms stands still while somebody points at it, and a press i
   const act = one(".alarm-line > button");
   await happens("pointerdown", act);
   env.source.send("alarms", {t: server.now, alarms: [stands(1, 9, "Unacknowledged Active")]});
-  await settle();
+  await env.pass(0.5);
   env.asked.length = 0;
   await click(act);
   const asked = env.take("/api/alarms/y2.low/ack");
@@ -103,6 +103,22 @@ test("the list of alarms stands still while somebody points at it, and a press i
   assert.equal(env.asked.filter(each => each.path.endsWith("/ack")).length, 0);
   asked.fail();
   await settle();
+});
+
+test("in a flood the alarms are shown at once and then in order twice a second, none of them lost", async () => {
+  await withAlarms(stands(1, 1, "Normal"), stands(2, 1, "Normal"));
+  await show("alarms");
+  await env.pass(1);
+  const names = () => [...document.querySelectorAll(".alarm-list tbody tr:not(.detail) th span")].map(each => each.firstChild?.textContent);
+  env.source.send("alarms", {t: server.now, alarms: [stands(1, 2, "Unacknowledged Active")]});
+  await settle();
+  assert.deepEqual(names(), ["y1.high"]);
+  env.source.send("alarms", {t: server.now, alarms: [stands(2, 2, "Unacknowledged Active")]});
+  env.source.send("alarms", {t: server.now, alarms: [stands(1, 3, "Normal")]});
+  await settle();
+  assert.deepEqual(names(), ["y1.high"]);
+  await env.pass(0.5);
+  assert.deepEqual(names(), ["y2.low"]);
 });
 
 // Promise(alarms/first-out)
@@ -113,7 +129,7 @@ test("the list of alarms: the first one out is marked, and not any more when it 
   assert.deepEqual(marked(), ["1stfirst out message of y2.low"]);
   server.alarms = [stands(2, 1, "Unacknowledged Active")]; // it did not move: another one did
   env.source.send("alarms", {t: server.now, alarms: server.alarms});
-  await settle();
+  await env.pass(0.5);
   assert.deepEqual(marked(), []);
 });
 

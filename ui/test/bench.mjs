@@ -5,6 +5,7 @@
 import {chromium} from "playwright-core";
 import {findChromium, launch, open, until} from "./lib.mjs";
 import {longDay} from "./longday.mjs";
+import {ms, part, pause, profile, told} from "./measure.mjs";
 
 const SAMPLES = 100;
 const PRESSES = 20;
@@ -13,11 +14,6 @@ const PROFILE = 10000; // ms, at rest and scrolled
 const HOURS = Number(process.env.APC_UI_HOURS ?? 8);
 const {APC_UI_MANY: many, APC_UI_DAY: day, APC_UI_ALARMS: alarms} = process.env;
 const only = process.env.APC_UI_ONLY?.split(",");
-const pause = ms => new Promise(resolve => setTimeout(resolve, ms));
-const sorted = values => values.slice().sort((a, b) => a - b);
-const part = (values, p) => sorted(values)[Math.min(values.length - 1, Math.floor(p * values.length))] ?? NaN;
-const ms = value => value.toFixed(value < 10 ? 1 : 0);
-const told = values => `p50 ${ms(part(values, 0.5))} ms, p95 ${ms(part(values, 0.95))} ms, max ${ms(part(values, 1))} ms, n = ${values.length}`;
 
 // ---- Samples
 
@@ -70,32 +66,6 @@ async function firstRows(browser) {
 }
 
 // ---- Frames
-
-const SCRIPT = new Set(["FunctionCall", "EvaluateScript", "TimerFire", "FireAnimationFrame", "EventDispatch", "RunMicrotasks", "v8.run"]);
-
-/** Of a trace: how long each outermost piece of script of the page's own kept the thread, ms of its CPU. */
-function pieces(trace) {
-  const {traceEvents} = JSON.parse(trace.toString());
-  const own = traceEvents.filter(one => one.ph === "X" && SCRIPT.has(one.name));
-  const threads = new Map();
-  for (const one of own) threads.set(`${one.pid}.${one.tid}`, [...(threads.get(`${one.pid}.${one.tid}`) ?? []), one]);
-  const main = [...threads.values()].sort((a, b) => b.length - a.length)[0] ?? [];
-  const out = [];
-  let end = 0;
-  for (const one of main.sort((a, b) => a.ts - b.ts || b.dur - a.dur)) {
-    if (one.ts < end) continue;
-    end = one.ts + one.dur;
-    out.push((one.tdur ?? one.dur) / 1000);
-  }
-  return out;
-}
-
-async function profile(browser, page, what, work) {
-  await browser.startTracing(page, {categories: ["devtools.timeline", "v8"]});
-  await work();
-  const lengths = pieces(await browser.stopTracing());
-  console.log(`script of the page, ${what}: ${lengths.filter(one => one > 8).length} pieces above 8 ms; ${told(lengths)}`);
-}
 
 async function frames(browser) {
   const page = await open(browser, "overview", {url: many});

@@ -133,6 +133,10 @@ test("a few lines cannot become billions of parts", () => {
   const many = [el("g", {id: "a"}, Array.from({length: 999}, () => el("rect"))), ...Array.from({length: 20}, () => el("use", {href: "#a"}))];
   assert.match(refusal(file(many)), /more than 20000 parts/);
   assert.match(refusal(file(Array.from({length: 20000}, () => el("rect")))), /more than 20000 parts/);
+  const shows = (n: number, how: Record<string, string>): Given[] => Array.from({length: n}, () => el("rect", {"data-apc": "y", ...how}));
+  assert.equal(taken([...shows(980, {}), ...shows(20, {"data-apc-as": "trend"})]).root.parts.length, 1000);
+  assert.match(refusal(file(shows(1001, {}))), /more than 1000 of its elements/);
+  assert.match(refusal(file(shows(21, {"data-apc-as": "trend"}))), /more than 20 trends/);
   let deep = el("g");
   for (let i = 0; i < 80; i++) deep = el("g", {}, [deep]);
   assert.match(refusal(file([deep])), /64 deep/);

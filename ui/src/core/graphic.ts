@@ -50,7 +50,7 @@ export interface LeftOut {
 
 /** Why it is no drawing. */
 export interface NoDrawing {
-  why: "noSvg" | "noSize" | "deep" | "many";
+  why: "noSvg" | "noSize" | "deep" | "many" | "bound" | "trends";
   most: number; // of what there may be, where there is too much
 }
 
@@ -58,6 +58,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const HTML = "http://www.w3.org/1999/xhtml"; // what is of any other is an editor's own, and no browser shows it
 const MOST_PARTS = 20000;
 const MOST_DEPTH = 64;
+const MOST_BOUND = 1000; // ten times a second they take half of a slow computer's time
+const MOST_TRENDS = 20;
 export const MOST_CURVES = 6; // of a trend; as many pens have a colour
 const SPAN = 600; // s
 const LEAST_SPAN = 10;
@@ -107,6 +109,8 @@ class TooMuch extends Error {
 
 class Reader {
   parts = 0;
+  private boundTo = 0;
+  private trends = 0;
   readonly names: string[] = [];
   readonly links = new Set<string>();
   private readonly leftOut = new Map<string, number>();
@@ -238,6 +242,8 @@ class Reader {
       this.drop(`data-apc-to="${to.slice(0, 20)}"`);
       return null;
     }
+    if (++this.boundTo > MOST_BOUND) throw new TooMuch({why: "bound", most: MOST_BOUND});
+    if (how === "trend" && ++this.trends > MOST_TRENDS) throw new TooMuch({why: "trends", most: MOST_TRENDS});
     const names = how === "trend" ? [...new Set(name.split(/[\s,]+/))] : [name];
     for (const one of names.splice(MOST_CURVES)) this.drop(`data-apc="${one.slice(0, 20)}"`);
     for (const one of names) if (!this.names.includes(one)) this.names.push(one);

@@ -240,6 +240,21 @@ function rank(news: AlarmNow[], before: Standing = standing): void {
   if (!aside) showAlarms(alarmsNow.value);
 }
 
+const RANK_EACH = 0.5; // s between two orders of the alarms: in a flood nobody reads more, and each costs every row
+let alarmNews: AlarmNow[] = [];
+let ranking = false;
+
+/** The first news at once; what comes within that time after them comes together. */
+function rankNews(): void {
+  rank(alarmNews);
+  alarmNews = [];
+  ranking = true;
+  env.later(() => {
+    ranking = false;
+    if (alarmNews.length > 0) rankNews();
+  }, RANK_EACH);
+}
+
 function showAlarms(all: Alarm[]): void {
   alarms.value = all;
   marks.value = bySignal(all);
@@ -270,6 +285,7 @@ function receive(type: string, data: unknown): void {
       store.value = state.store;
       for (const ref of values.keys()) if (!(ref in state.values)) setNewest(ref, nothing);
       moded = take(state.values, state.ages, late);
+      alarmNews = [];
       rank(state.alarms, new Map());
       refill.value++;
       break;
@@ -278,7 +294,8 @@ function receive(type: string, data: unknown): void {
       moded = take((data as {values: Record<Ref, Sample>}).values, null, late);
       break;
     case "alarms":
-      rank((data as {alarms: AlarmNow[]}).alarms);
+      alarmNews.push(...(data as {alarms: AlarmNow[]}).alarms);
+      if (!ranking) rankNews();
       break;
     case "write":
       takeWrite(data as Write);

@@ -5,6 +5,7 @@ import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {ApiError, get, post} from "../core/api";
 import {drawing, MOST_CURVES, type Part} from "../core/graphic";
+import {noDrawing} from "../core/graphicwords";
 import {nameOf} from "../core/pens";
 import {changed, EMPTY, type Figure, figureOf, fileOf, GRID, ground, type Item, itemOf, type Kind, KINDS, moved, nameFor, piped, pipeFigure, placed, redone, removed, resized, type Sketch, sketchOf, type Steps, stepped, undone} from "../core/sketch";
 import {tr} from "../core/texts";
@@ -132,9 +133,12 @@ export function DisplayEditor({plant: p, display, svg, all, done}: Props): JSX.E
   };
 
   const save = async (name: string, on: number): Promise<void> => {
+    const svg = fileOf(steps.now);
+    const read = drawing(parse(svg));
+    if ("why" in read) return setProblem({text: noDrawing(read), newest: null});
     setBusy(true);
     try {
-      await post<Display>(`/api/displays/${name}`, {svg: fileOf(steps.now), version: on, title: title.trim() || name, level, comment: comment.trim()}, 15);
+      await post<Display>(`/api/displays/${name}`, {svg, version: on, title: title.trim() || name, level, comment: comment.trim()}, 15);
       drafts.delete(key);
       done(name);
     } catch (error) {

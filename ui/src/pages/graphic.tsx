@@ -271,8 +271,8 @@ function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: 
 
 /** To the faceplate of the loop that it is of, else to its trend. */
 function Go({of, scene: {plant: p, linked}, label, children}: {of: Variable; scene: Scene; label: string; children: ComponentChildren}): JSX.Element {
+  const loop = useMemo(() => loopOf(of.ref, p.loops), [of, p]);
   if (linked) return <g role="img" aria-label={label}>{children}</g>;
-  const loop = loopOf(of.ref, p.loops);
   return (
     <a
       class="bound"
@@ -291,8 +291,12 @@ const GLYPHS = {1: "◆", 2: "■", 3: "▲", 4: "▼"};
 
 /** The gravest that stands of this signal; of an output, which moves by them, of its loop's switches as well. */
 function useAlarm(ref: Ref): Alarm | null {
-  const loop = useCell(plant)?.loops.find(one => one.output === ref);
-  return worstOf({refs: [ref, ...(loop ? [loop.mode.target, loop.mode.actual, loop.manual] : [])]}, useCell(marks));
+  const p = useCell(plant);
+  const refs = useMemo(() => {
+    const loop = p?.loops.find(one => one.output === ref);
+    return [ref, ...(loop ? [loop.mode.target, loop.mode.actual, loop.manual] : [])];
+  }, [p, ref]);
+  return worstOf({refs}, useCell(marks));
 }
 
 function qualityOf(one: Variable, now: Live): {what: string; why: string} {
