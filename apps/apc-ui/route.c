@@ -12,6 +12,8 @@ const struct route routes[] = {
     {"GET", "/api/displays", ROLE_OBSERVER, PAST, get_displays, "name", "the displays of the plant"},
     {"GET", "/api/displays/{name}", ROLE_OBSERVER, PAST, get_display, "version", "a display, SVG"},
     {"POST", "/api/displays/{name}", ROLE_ENGINEER, WRITER, post_display, "", "save a display"},
+    {"GET", "/api/trends", ROLE_OBSERVER, PAST, get_trends, "", "the trends that people saved"},
+    {"POST", "/api/trends", ROLE_OPERATOR, WRITER, post_trend, "", "save a trend, or take it away"},
     {"GET", "/api/state", ROLE_OBSERVER, NOW, get_state, "at", "all newest values, or those of then"},
     {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var names since until bins last format",
      "past values"},

@@ -428,11 +428,35 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   assert.equal(kept().disabled, false);
   await show("trend/pens=y1");
   assert.doesNotMatch(groups(), /Forget/);
-  await choose(".pen-groups select", "levels");
+  await choose(".pen-groups select", "0");
   assert.equal(location.hash, "#trend/pens=y2,T;span=600");
   await show(location.hash.slice(1));
   await click(button("Delete levels"));
   assert.match(groups(), /none saved/);
+  // Promise(page/shared-trends): Trends are saved on the server for oneself, for one's role or for all, with author and time; what
+  //   somebody else has saved meanwhile is not lost.
+  const saved = {name: "day", for: "plant", signals: ["y1", "T"], author: "ben", time: START};
+  env.routes.set("/api/trends", each => (each.body ? env.asked.push(each) : each.answer({writable: true, trends: [saved]})));
+  await show("trend/pens=y1");
+  await env.pass(0.5);
+  await choose(".pen-groups select", "0");
+  assert.equal(location.hash, "#trend/pens=y1,T;span=600");
+  await show("trend/pens=y1,T;span=600");
+  await env.pass(0.5);
+  assert.match(groups(), /day, all ben, 2033-05-18 03:33:20 Delete day, all save as for this browser me my role all Save$/);
+  await type(".pen-groups input", "day");
+  env.asked.length = 0;
+  await choose(".pen-groups select[name=for]", "plant");
+  await submit(".pen-groups");
+  const order = env.take("/api/trends");
+  assert.deepEqual(order.body, {name: "day", for: "plant", signals: ["y1", "T"], seen: START});
+  order.answer({error: {code: "trend", message: 'carl has saved the trend "day" meanwhile: nothing was written'}}, 409);
+  await env.pass(0.5);
+  assert.match(groups(), /carl has saved the trend "day" meanwhile: nothing was written$/);
+  assert.equal(one<HTMLInputElement>(".pen-groups input").value, "day", "what was typed is lost");
+  await click(button("Delete day, all"));
+  assert.deepEqual(env.take("/api/trends").body?.signals, []);
+  env.routes.delete("/api/trends");
   env.routes.set("/api/history", route);
   env.routes.set("/api/events", happened);
   await show("overview");

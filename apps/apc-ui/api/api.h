@@ -20,6 +20,8 @@ void get_graphic(struct ui *ui, struct request *r, struct apc_store *store);
 void get_displays(struct ui *ui, struct request *r, struct apc_store *store);
 void get_display(struct ui *ui, struct request *r, struct apc_store *store);
 void post_display(struct ui *ui, struct request *r, struct apc_store *store);
+void get_trends(struct ui *ui, struct request *r, struct apc_store *store);
+void post_trend(struct ui *ui, struct request *r, struct apc_store *store);
 void get_state(struct ui *ui, struct request *r, struct apc_store *store);
 void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store);
 void get_history(struct ui *ui, struct request *r, struct apc_store *store);

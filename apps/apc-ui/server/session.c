@@ -152,6 +152,11 @@ bool session_find(struct sessions *s, const char *token, apc_ns now, struct sess
     return session != NULL;
 }
 
+const char *session_role(const struct session *session)
+{
+    return role_name(session->role);
+}
+
 void session_close(struct sessions *s, const char *token)
 {
     pthread_mutex_lock(&s->mutex);

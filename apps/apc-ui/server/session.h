@@ -38,6 +38,7 @@ void sessions_resume(struct sessions *s, int fd);
 int session_open(struct sessions *s, const struct user *user, apc_ns now, struct session *opened);
 /* A copy of the session, which counts as used now. False: there is none, or it has ended. */
 bool session_find(struct sessions *s, const char *token, apc_ns now, struct session *found);
+const char *session_role(const struct session *session);
 void session_close(struct sessions *s, const char *token);
 /* The session of a machine whose token was checked: one for all its requests. Returns 0 or APC_ESYS. */
 int session_machine(struct sessions *s, const struct user *token, apc_ns now, struct session *found);

@@ -131,6 +131,15 @@ export interface Display {
   comment: string | null;
 }
 
+/** A trend that somebody saved on the server. */
+export interface SavedTrend {
+  name: string;
+  for: "user" | "role" | "plant";
+  signals: string[]; // as a link names them
+  author: string;
+  time: number; // Unix s
+}
+
 export interface Plant {
   name: string;
   title: string;

@@ -1,0 +1,243 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Trends that people save, for themselves, for those of their role or for all: a file in the folder of displays that only grows, a
+ * line for each save, with author and time. Of the lines of one name and the same people the newest counts; one without signals
+ * takes it away.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "apc-ui/api/api.h"
+#include "files/files.h"
+
+#define TRENDS_FILE     "trends.jsonl"
+#define TRENDS_MAX      (4 << 20)
+#define SIGNALS_MAX     12
+#define TREND_NAME_MAX  160 /* bytes: 40 characters of any language */
+#define SIGNAL_NAME_MAX 508
+
+static const char *const shared[] = {"user", "role", "plant"};
+
+/* Whose it is: with name and "for" what a line is known by. */
+static const char *whose(const struct request *r, const char *with)
+{
+    return strcmp(with, "user") == 0   ? r->session.user
+           : strcmp(with, "role") == 0 ? session_role(&r->session)
+                                       : "";
+}
+
+static bool fault_trends(const struct ui *ui, struct request *r, const char *what)
+{
+    return fault_set(&r->fault, 503, "files", NULL, "%s, %s/" TRENDS_FILE ": %s", what, ui->displays,
+                     strerror(errno));
+}
+
+/* -1: the fault is set, or there is none to read. */
+static int trends_open(const struct ui *ui, struct request *r, bool writes)
+{
+    char path[sizeof ui->displays + 16];
+    snprintf(path, sizeof path, "%s/" TRENDS_FILE, ui->displays);
+    if (writes && mkdir(ui->displays, 0777) < 0 && errno != EEXIST)
+        return fault_trends(ui, r, "nothing was written"), -1;
+    const int fd = open(
+        path, writes ? O_RDWR | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW : O_RDONLY | O_CLOEXEC, 0644);
+    if (fd < 0 && (writes || errno != ENOENT))
+        fault_trends(ui, r, writes ? "nothing was written" : "the trends cannot be read");
+    if (fd >= 0 && writes && flock(fd, LOCK_EX) < 0) {
+        fault_trends(ui, r, "nothing was written");
+        close(fd);
+        return -1;
+    }
+    return fd;
+}
+
+static bool is_trend(const json_t *line)
+{
+    const json_t *signals = json_object_get(line, "signals");
+    const char *with = json_string_value(json_object_get(line, "for"));
+    bool known = json_is_string(json_object_get(line, "name")) && with &&
+                 json_is_string(json_object_get(line, "whose")) &&
+                 json_is_string(json_object_get(line, "author")) &&
+                 json_is_number(json_object_get(line, "time")) && json_is_array(signals) &&
+                 json_array_size(signals) <= SIGNALS_MAX;
+    for (size_t i = 0; known && i < json_array_size(signals); i++)
+        known = json_is_string(json_array_get(signals, i));
+    return known;
+}
+
+static bool is_of(const json_t *line, const char *name, const char *with, const char *of)
+{
+    return strcmp(json_string_value(json_object_get(line, "name")), name) == 0 &&
+           strcmp(json_string_value(json_object_get(line, "for")), with) == 0 &&
+           strcmp(json_string_value(json_object_get(line, "whose")), of) == 0;
+}
+
+/* The newest of each name that this session sees, by name; what is no line of ours, as one half written, is none. NULL: no memory. */
+static json_t *trends_read(const struct request *r, int fd)
+{
+    json_t *all = json_array();
+    char *line = NULL;
+    size_t room = 0;
+    const int own = fd < 0 ? -1 : dup(fd);
+    FILE *in = own < 0 ? NULL : fdopen(own, "re");
+    if (in)
+        rewind(in);
+    while (all && in && getline(&line, &room, in) > 0) {
+        json_t *one = json_loads(line, 0, NULL);
+        bool sees = one && is_trend(one);
+        const char *with = sees ? json_string_value(json_object_get(one, "for")) : "";
+        sees = sees && strcmp(json_string_value(json_object_get(one, "whose")), whose(r, with)) == 0;
+        for (size_t i = 0; sees && i < json_array_size(all); i++)
+            if (is_of(json_array_get(all, i), json_string_value(json_object_get(one, "name")), with,
+                      whose(r, with)))
+                json_array_remove(all, i--);
+        if (sees && json_array_size(json_object_get(one, "signals")) > 0)
+            json_array_append(all, one);
+        json_decref(one);
+    }
+    free(line);
+    if (in)
+        fclose(in);
+    else if (own >= 0)
+        close(own);
+    return all;
+}
+
+static void trend_json(const json_t *one, struct text *t)
+{
+    const json_t *signals = json_object_get(one, "signals");
+    json_add(t, "{name:%s, for:%s, signals:[", json_string_value(json_object_get(one, "name")),
+             json_string_value(json_object_get(one, "for")));
+    for (size_t i = 0; i < json_array_size(signals); i++)
+        json_add(t, "%s", json_string_value(json_array_get(signals, i)));
+    json_add(t, "], author:%s, time:%.3f}", json_string_value(json_object_get(one, "author")),
+             json_number_value(json_object_get(one, "time")));
+}
+
+void get_trends(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    (void)store;
+    const int fd = ui->displays[0] ? trends_open(ui, r, false) : -1;
+    json_t *all = r->fault.http ? NULL : trends_read(r, fd);
+    if (fd >= 0)
+        close(fd);
+    if (!all && !r->fault.http)
+        fault_set(&r->fault, 503, "busy", NULL, "out of memory");
+    if (all) {
+        json_add(&r->reply, "{writable:%i, trends:[", ui->displays[0] != '\0');
+        for (size_t i = 0; i < json_array_size(all); i++)
+            trend_json(json_array_get(all, i), &r->reply);
+        json_add(&r->reply, "]}");
+    }
+    json_decref(all);
+}
+
+/* ---- Writing ------------------------------------------------------------------------------ */
+
+struct trend_order {
+    const char *name, *with;
+    json_t *signals; /* the body's */
+    double seen;     /* time of the one that it replaces; 0: there is none */
+};
+
+static bool read_signals(struct request *r, json_t *signals)
+{
+    bool ok = json_is_array(signals) && json_array_size(signals) <= SIGNALS_MAX;
+    for (size_t i = 0; ok && i < json_array_size(signals); i++) {
+        const char *name = json_string_value(json_array_get(signals, i));
+        ok = name && *name && strlen(name) <= SIGNAL_NAME_MAX;
+    }
+    return ok || fault_set(&r->fault, 400, "json", "signals",
+                           "\"signals\" must be names of signals, at most %d; none takes the trend away",
+                           SIGNALS_MAX);
+}
+
+static bool read_trend_order(struct request *r, const json_t *body, struct trend_order *o)
+{
+    bool known = false;
+    if (!member_text(body, "name", &o->name, &r->fault) || !member_text(body, "for", &o->with, &r->fault) ||
+        !member_number(body, "seen", &o->seen, &r->fault))
+        return false;
+    for (size_t i = 0; i < sizeof shared / sizeof *shared; i++)
+        known = known || strcmp(o->with, shared[i]) == 0;
+    if (!known)
+        return fault_set(&r->fault, 400, "json", "for", "\"for\" must be \"user\", \"role\" or \"plant\"");
+    if (!*o->name || strlen(o->name) > TREND_NAME_MAX)
+        return fault_set(&r->fault, 422, "value", "name", "\"name\" must have 1 to %d bytes", TREND_NAME_MAX);
+    o->signals = json_object_get(body, "signals");
+    return read_signals(r, o->signals);
+}
+
+/* A line, whole and on the disk, or none. */
+static bool append_trend(const struct ui *ui, struct request *r, int fd, const json_t *line)
+{
+    struct stat st = {0};
+    char last = '\n';
+    char *text = json_dumps(line, JSON_COMPACT), *whole = NULL;
+    bool ok = fstat(fd, &st) == 0 && (st.st_size == 0 || pread(fd, &last, 1, st.st_size - 1) == 1);
+    const int n = !text ? -1 : asprintf(&whole, "%s%s\n", last == '\n' ? "" : "\n", text);
+    free(text);
+    if (n < 0)
+        return fault_set(&r->fault, 503, "busy", NULL, "out of memory");
+    if (ok && st.st_size + n > TRENDS_MAX)
+        fault_set(&r->fault, 409, "trend", NULL,
+                  "%s/" TRENDS_FILE " has %d MiB: move it away, nothing was written", ui->displays,
+                  TRENDS_MAX >> 20);
+    else if (!ok || write(fd, whole, (size_t)n) != n || fsync(fd) < 0) {
+        fault_trends(ui, r, "nothing was written");
+        if (ok && ftruncate(fd, st.st_size) < 0)
+            ok = false; /* a line that is cut is none */
+    }
+    free(whole);
+    return !r->fault.http;
+}
+
+static void save_trend(struct ui *ui, struct request *r, const struct trend_order *o)
+{
+    const int fd = trends_open(ui, r, true);
+    json_t *all = fd < 0 ? NULL : trends_read(r, fd);
+    const json_t *there = NULL;
+    for (size_t i = 0; i < json_array_size(all); i++)
+        if (is_of(json_array_get(all, i), o->name, o->with, whose(r, o->with)))
+            there = json_array_get(all, i);
+    const double time = there ? json_number_value(json_object_get(there, "time")) : 0,
+                 now = (double)(apc_clock_utc(NULL) / APC_NS_PER_MS) / 1e3;
+    json_t *line = json_pack("{s:s, s:s, s:s, s:O, s:s, s:f}", "name", o->name, "for", o->with, "whose",
+                             whose(r, o->with), "signals", o->signals, "author", r->session.user, "time",
+                             time < now ? now : time + 1e-3);
+    if (all && there && (time < o->seen - 5e-4 || time > o->seen + 5e-4))
+        fault_set(&r->fault, 409, "trend", NULL,
+                  "%s has saved the trend \"%s\" meanwhile: nothing was written",
+                  json_string_value(json_object_get(there, "author")), o->name);
+    else if (all && !there && json_array_size(o->signals) == 0)
+        fault_set(&r->fault, 404, "trend", "name", "there is no trend \"%s\"", o->name);
+    else if (fd >= 0 && (!all || !line))
+        fault_set(&r->fault, 503, "busy", NULL, "out of memory");
+    else if (fd >= 0 && append_trend(ui, r, fd, line))
+        trend_json(line, &r->reply);
+    json_decref(line);
+    json_decref(all);
+    if (fd >= 0)
+        close(fd);
+}
+
+void post_trend(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    static const char *const members[] = {"name", "for", "signals", "seen", NULL};
+    struct trend_order o = {0};
+    (void)store;
+    json_t *body = body_parse(r->body, r->n, members, &r->fault);
+    if (body && read_trend_order(r, body, &o) && request_may_write(ui, r)) {
+        if (ui->displays[0])
+            save_trend(ui, r, &o);
+        else
+            fault_set(&r->fault, 409, "trend", NULL,
+                      "there is no folder for trends: start apc-ui with --config or --displays");
+    }
+    json_decref(body);
+}
