@@ -95,7 +95,7 @@ int main(int argc, char **argv)
     const int signals = (int)strtol(argv[2], NULL, 10);
     const bool year = strcmp(argv[3], "year") == 0;
     const struct apc_store_options options = {.size = sizeof options, .timeout = 600 * S, .chunks = year};
-    const struct apc_retention packed = {.size = sizeof packed, .packed = 1};
+    const struct apc_retention packed = {.size = sizeof packed, .packed = 1}, all = {.size = sizeof all};
     const apc_ns period = (year ? 60 : 1) * S, now = apc_clock_utc(NULL) / S * S;
     const int64_t rows = (year ? 365 : 1) * INT64_C(86400) * S / period;
     const apc_ns begin = now - (rows + 1) * period;
@@ -107,8 +107,7 @@ int main(int argc, char **argv)
         die("%s", why.text);
     check(apc_store_init(store), "init");
     fill(signals, begin, period, rows, year || strncmp(argv[1], "sqlite:", 7) == 0 ? 1000 : 3);
-    if (year)
-        check(apc_store_maintain(store, &packed), "maintain");
+    check(apc_store_maintain(store, year ? &packed : &all), "maintain");
     snprintf(what, sizeof what, "%.*s, %s", (int)strcspn(argv[1], ":"), argv[1], year ? "year" : "day");
     measure(what, signals, begin, period, rows);
     apc_store_close(store);

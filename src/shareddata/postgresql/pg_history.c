@@ -270,7 +270,7 @@ static int64_t pg_edge(apc_ns t)
 
 /* A negative seq: the next one has not been seen. */
 struct within {
-    struct apc_pg_stream s; /* the first member: the stream's row function has it */
+    struct apc_pg_stream s; /* whose rows they are */
     struct apc_sample *sample;
     size_t n;
     apc_ns since, until;
@@ -306,19 +306,24 @@ static int take_from_chunk(struct within *w, const PGresult *result, int row, in
     return err;
 }
 
-static int take_row_within(struct apc_pg_stream *s, const PGresult *result, int row)
+static int take_rows_within(void *ctx, int statement, PGresult *result)
 {
-    struct within *w = (struct within *)s;
-    const int id = (int)apc_pg_cell(result, row, 7);
-    if (!PQgetisnull(result, row, 6)) {
-        return take_from_chunk(w, result, row, id);
+    struct within *w = (struct within *)ctx;
+    int err = statement == 0 && PQnfields(result) != 9 ? strange(w->s.pg) : 0;
+    for (int row = 0; !err && row < PQntuples(result); row++) {
+        const int id = (int)apc_pg_cell(result, row, 7);
+        if (!PQgetisnull(result, row, 6)) {
+            err = take_from_chunk(w, result, row, id);
+        } else {
+            struct apc_sample sample = row_sample(&w->s, result, row);
+            sample.id = id;
+            take_candidate(w, &sample, apc_pg_cell(result, row, 8) > 0);
+        }
     }
-    struct apc_sample sample = row_sample(s, result, row);
-    sample.id = id;
-    take_candidate(w, &sample, apc_pg_cell(result, row, 8) > 0);
-    return 0;
+    return err;
 }
 
+/* A row each at most: by no cursor, in one round trip. */
 static int ask_within(struct within *w, const char *text)
 {
     struct apc_pg *pg = w->s.pg;
@@ -340,7 +345,8 @@ static int ask_within(struct within *w, const char *text)
     apc_pg_param(&p, b.since, sizeof b.since);
     apc_pg_param(&p, b.until, sizeof b.until);
     apc_pg_param(&p, day, sizeof day);
-    return apc_pg_stream(&w->s, text, &p);
+    const int err = apc_pg_send(pg, text, &p);
+    return err ? err : apc_pg_finish(pg, take_rows_within, w);
 }
 
 int apc_pg_newest_within(struct apc_store *store, struct apc_sample *samples, size_t n, apc_ns since,
@@ -349,12 +355,9 @@ int apc_pg_newest_within(struct apc_store *store, struct apc_sample *samples, si
     struct apc_pg *pg = apc_pg_of(store);
     const enum apc_table table = samples[0].table;
     const struct apc_pg_text *text = apc_pg_text_of(pg, table);
-    struct within w = {.s = {.pg = pg, .row = take_row_within, .columns = 9, .large = true, .table = table},
-                       .sample = samples,
-                       .n = n,
-                       .since = since,
-                       .until = until};
-    int chunks = !text ? APC_ESCHEMA : text->merged ? apc_pg_begin(pg) : 0;
+    struct within w = {
+        .s = {.pg = pg, .table = table}, .sample = samples, .n = n, .since = since, .until = until};
+    int chunks = text ? apc_pg_begin(pg) : APC_ESCHEMA;
     chunks = chunks == 0 && text->merged ? apc_pg_has_chunks(pg) : chunks;
     if (chunks > 0) {
         w.chunk = (struct apc_pack *)malloc(sizeof *w.chunk);
@@ -366,7 +369,7 @@ int apc_pg_newest_within(struct apc_store *store, struct apc_sample *samples, si
         samples[i].seq = rc < 0 || samples[i].seq < 0 ? 0 : samples[i].seq;
     }
     free(w.chunk);
-    return rc < 0 ? rc : 0;
+    return rc;
 }
 
 /* ---- Vectors ------------------------------------------------------------------------------- */

@@ -14,6 +14,19 @@ static int take_dropped(void *ctx, int statement, PGresult *result)
     return 0;
 }
 
+/* What came at once, as by apc copy, the server has not entered into the indexes on time: it is gone through whenever an
+ * instant is asked for. */
+static int enter_times(struct apc_pg *pg)
+{
+    const int err = apc_pg_send(pg,
+                                "SELECT sum(brin_summarize_new_values(c.oid)) FROM pg_class AS c "
+                                "JOIN pg_am AS a ON a.oid = c.relam AND a.amname = 'brin' "
+                                "WHERE c.relkind = 'i' AND "
+                                "c.relnamespace = to_regnamespace(quote_ident(current_schema()))",
+                                &(struct apc_pg_params){0});
+    return err ? err : apc_pg_finish(pg, NULL, NULL);
+}
+
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_pg *pg = apc_pg_of(store);
@@ -42,6 +55,7 @@ int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
         pg->deadline = apc_clock_mono(NULL) + PATIENCE * pg->base.config.timeout;
         err = apc_pg_finish(pg, take_dropped, &dropped);
     }
+    err = err ? err : enter_times(pg);
     const int packed = !err && keep->packed > 0 ? apc_pg_pack(pg, now - keep->packed) : 0;
     err = packed < 0 ? packed : err;
     return err ? err : dropped + packed;

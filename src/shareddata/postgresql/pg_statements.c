@@ -80,7 +80,7 @@
  * the times are gone through once for all of them, and no key is.
  */
 #define WITHIN(table)                                                                                        \
-    DECLARE "WITH found AS MATERIALIZED (SELECT DISTINCT ON (id) id, seq, time, status, value" MORE          \
+    "WITH found AS MATERIALIZED (SELECT DISTINCT ON (id) id, seq, time, status, value" MORE                  \
             " FROM " table " WHERE id + 0 = ANY ($1::int4[]) AND time >= $2::timestamptz "                   \
             "AND time < $3::timestamptz ORDER BY id, seq DESC) "                                             \
             "SELECT seq, time, status, value" MORE ", NULL::bytea AS data, id::int8, "                       \
