@@ -759,6 +759,7 @@ int command_replay(int argc, char **argv)
         return cli_usage(&c.cli, "--virtual: of a run folder");
     if (c.options.figure && c.cli.n_args > 1)
         return cli_usage(&c.cli, "--figure: of one run or store");
+    c.curves.whole = !is_season(&c);
     int rc = make_sources(&c);
     if (rc == 0)
         rc = c.options.closed ? replay_closed(&c)

@@ -8,49 +8,117 @@
 #include "compare.h"
 #include "files/files.h"
 
-void replay_curves_keep(struct replay_curves *k, double t, const char *loop, double recorded, double replayed)
+#define AROUND 60     /* ticks of the loop that differs first, a fifth of them before that */
+#define SPAN   7200.0 /* s; by which the ticks of one loop may come behind those of another, and more */
+#define FULL   65536  /* points of a loop, from which on it is thinned */
+#define BUCKET 4
+
+static struct replay_curve *curve_of(struct replay_curves *k, const char *loop)
 {
     size_t i = 0;
-    while (i < k->n && strcmp(k->loop[i].name, loop) != 0)
+    while (i < k->n && strcmp(k->of[i].loop.name, loop) != 0)
         i++;
-    if (i == k->n && !(k->failed = k->failed || !apc_grow(&k->loop, i + 1, sizeof *k->loop))) {
-        k->loop[k->n++] = (struct apc_tag){.table = APC_ACTUATOR, .id = (int)i + 1};
-        snprintf(k->loop[i].name, sizeof k->loop[i].name, "%s", loop);
+    if (i == k->n) {
+        struct replay_curve *of = realloc(k->of, (i + 1) * sizeof *of);
+        if (!of)
+            return NULL;
+        k->of = of;
+        of[k->n++] = (struct replay_curve){.loop = {.table = APC_ACTUATOR, .id = (int)i + 1}};
+        snprintf(of[i].loop.name, sizeof of[i].loop.name, "%s", loop);
     }
-    struct apc_sample row = {.table = APC_ACTUATOR, .id = (int)i + 1, .value = recorded};
-    k->failed = k->failed || apc_ns_from_s(t, &row.time) < 0 || samples_add(&k->recorded, &row) < 0;
-    row.value = replayed;
-    k->failed = k->failed || samples_add(&k->replayed, &row) < 0;
+    return &k->of[i];
 }
 
-#define AROUND 60 /* ticks of the loop that differs first, a fifth of them before that */
+/* Of each few points that lie long back the lowest and the highest are left, so that no spike is lost. Nothing differs
+ * in them: that is what is waited for. */
+static void thin_curve(struct replay_curve *c)
+{
+    const double until = c->at[c->n - 1].t - SPAN;
+    size_t n = 0, i = 0;
+    for (; i + BUCKET <= c->n && c->at[i + BUCKET - 1].t < until; i += BUCKET) {
+        size_t low = i, high = i;
+        for (size_t b = i + 1; b < i + BUCKET; b++) {
+            low = c->at[b].recorded < c->at[low].recorded ? b : low;
+            high = c->at[b].recorded >= c->at[high].recorded ? b : high;
+        }
+        const struct replay_point early = c->at[low < high ? low : high],
+                                  late = c->at[low < high ? high : low];
+        c->at[n++] = early;
+        if (low != high)
+            c->at[n++] = late;
+    }
+    memmove(c->at + n, c->at + i, (c->n - i) * sizeof *c->at);
+    c->n -= i - n;
+}
 
-/* The rows around the first that differs; all, where none does. */
+static bool make_point_room(struct replay_curve *c)
+{
+    if (c->n < c->room)
+        return true;
+    const size_t room = c->room > 0 ? 2 * c->room : 1024;
+    struct replay_point *at = reallocarray(c->at, room, sizeof *at);
+    if (!at)
+        return false;
+    c->at = at;
+    c->room = room;
+    return true;
+}
+
+void replay_curves_keep(struct replay_curves *k, double t, const char *loop, double recorded, double replayed)
+{
+    struct replay_curve *c = curve_of(k, loop);
+    const bool ends = k->end > 0;
+    if (c && c->n == c->room && c->n >= FULL && !ends && !k->whole)
+        thin_curve(c);
+    k->failed = k->failed || !c || !make_point_room(c);
+    if (k->failed || (ends && t > k->end))
+        return;
+    if (fabs(recorded - replayed) > 0 && (!ends || t < k->first)) {
+        k->first = t;
+        k->end = t + fmax(SPAN, c->n > 0 ? AROUND * (t - c->at[c->n - 1].t) : 0);
+    }
+    c->at[c->n++] = (struct replay_point){t, recorded, replayed};
+}
+
+/* The points around the first that differs; all, where none does. */
 static void find_around(const struct replay_curves *k, struct compare_figure *f)
 {
-    const struct apc_sample *was = k->recorded.at, *is = k->replayed.at;
-    size_t first = k->recorded.n;
-    apc_ns last = 0, before = 0;
+    const struct replay_point *first = NULL;
+    double period = 1;
     f->begin = HUGE_VAL;
-    for (size_t i = 0; i < k->recorded.n; i++) {
-        last = was[i].time > last ? was[i].time : last;
-        f->begin = fmin(f->begin, apc_ns_to_s(was[i].time));
-        if (fabs(was[i].value - is[i].value) > 0 && (first == k->recorded.n || was[i].time < was[first].time))
-            first = i;
-    }
-    f->end = apc_ns_to_s(last);
-    if (first == k->recorded.n)
-        return;
-    apc_ns period = APC_NS_PER_S;
-    for (size_t i = 0; i < k->recorded.n; i++)
-        if (was[i].id == was[first].id && was[i].time > before) {
-            period = before > 0 && was[i].time <= was[first].time ? was[i].time - before : period;
-            before = was[i].time;
+    for (size_t i = 0; i < k->n; i++)
+        for (size_t p = 0; p < k->of[i].n; p++) {
+            const struct replay_point *at = &k->of[i].at[p];
+            f->begin = fmin(f->begin, at->t);
+            f->end = fmax(f->end, at->t);
+            if (fabs(at->recorded - at->replayed) > 0 && (!first || at->t < first->t)) {
+                first = at;
+                period = p > 0 ? at->t - at[-1].t : p + 1 < k->of[i].n ? at[1].t - at->t : 1;
+            }
         }
-    const double at = apc_ns_to_s(was[first].time), width = AROUND * apc_ns_to_s(period);
-    f->begin = fmax(f->begin, at - width / 5);
-    f->end = fmin(f->end, at + width * 4 / 5);
-    f->from = at;
+    if (!first)
+        return;
+    f->begin = fmax(f->begin, first->t - AROUND / 5 * period);
+    f->end = fmin(f->end, first->t + AROUND * 4 / 5 * period);
+    f->from = first->t;
+}
+
+static int take_curve(struct compare_variable *v, const struct replay_curve *c)
+{
+    const size_t room = c->n + 1;
+    v->tag = &c->loop;
+    v->recorded =
+        (struct trace){.t = calloc(room, sizeof(double)), .value = calloc(room, sizeof(double)), .n = c->n};
+    v->simulated =
+        (struct trace){.t = calloc(room, sizeof(double)), .value = calloc(room, sizeof(double)), .n = c->n};
+    if (!v->recorded.t || !v->recorded.value || !v->simulated.t || !v->simulated.value)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < c->n; i++) {
+        v->recorded.t[i] = v->simulated.t[i] = c->at[i].t;
+        v->recorded.value[i] = c->at[i].recorded;
+        v->simulated.value[i] = c->at[i].replayed;
+    }
+    return 0;
 }
 
 static void keep_within(struct trace *trace, double begin, double end)
@@ -73,9 +141,8 @@ int replay_curves_draw(const struct replay_curves *k, const char *title, const c
     int rc = v && !k->failed ? 0 : APC_ENOMEM;
     find_around(k, &figure);
     for (size_t i = 0; i < k->n && rc == 0; i++) {
-        v[i].tag = &k->loop[i];
-        rc = trace_take(&v[i].recorded, &k->recorded, 0, v[i].tag);
-        rc = rc < 0 ? rc : trace_take(&v[i].simulated, &k->replayed, 0, v[i].tag);
+        if ((rc = take_curve(&v[i], &k->of[i])) < 0)
+            break;
         keep_within(&v[i].recorded, figure.begin, figure.end);
         keep_within(&v[i].simulated, figure.begin, figure.end);
     }
@@ -90,7 +157,7 @@ int replay_curves_draw(const struct replay_curves *k, const char *title, const c
 
 void replay_curves_free(struct replay_curves *k)
 {
-    free(k->loop);
-    samples_free(&k->recorded);
-    samples_free(&k->replayed);
+    for (size_t i = 0; i < k->n; i++)
+        free(k->of[i].at);
+    free(k->of);
 }

@@ -7,10 +7,21 @@
 
 #include "record/record.h"
 
+/* Of a loop. What is long past without a difference is thinned. */
+struct replay_curve {
+    struct apc_tag loop;
+    struct replay_point {
+        double t, recorded, replayed;
+    } * at; /* [n] of [room] */
+    size_t n, room;
+};
+
 struct replay_curves {
-    struct apc_tag *loop; /* [n] */
+    struct replay_curve *of; /* [n] */
     size_t n;
-    struct samples recorded, replayed; /* of loop i those of id i + 1 */
+    double first,
+        end; /* s; where the first that is known to differ is, and behind which nothing is drawn; end 0: none */
+    bool whole; /* a controller at a time, not an hour of each: nothing is thinned */
     bool failed;
 };
 
