@@ -27,6 +27,8 @@
 #define PAUSE_MAX (4 * APC_NS_PER_MS)
 #define OPCODES   1000 /* of SQLite's machine between two looks at the clock */
 
+#define ROWS "SELECT variable, previous, seq, time, status, value, origin, author, pos FROM sample"
+
 static const char *const texts[APC_SQLITE_STATEMENTS] = {
     [APC_SQLITE_READ] = "BEGIN",
     [APC_SQLITE_WRITE] = "BEGIN IMMEDIATE",
@@ -50,8 +52,8 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
                                 " AND seq < ?2 AND last >= ?3 AND first < ?4 ORDER BY seq DESC LIMIT 1",
     [APC_SQLITE_PUT_BLOCK] = "REPLACE INTO block VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [APC_SQLITE_DROP_BLOCK] = "DELETE FROM block WHERE variable = ?1 AND seq = ?2",
-    [APC_SQLITE_SAMPLE] =
-        "SELECT variable, previous, seq, time, status, value, origin, author FROM sample WHERE pos = ?1",
+    [APC_SQLITE_ROWS_UP] = ROWS " WHERE pos >= ?1 ORDER BY pos",
+    [APC_SQLITE_ROWS_DOWN] = ROWS " WHERE pos <= ?1 ORDER BY pos DESC",
     [APC_SQLITE_INSERT] = "INSERT INTO sample VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, NULL, NULL, ?8, ?9)",
     [APC_SQLITE_LINK] = "UPDATE sample SET previous = ?2 WHERE pos = ?1",
     [APC_SQLITE_DROP_SAMPLE] = "DELETE FROM sample WHERE pos = ?1",
@@ -188,6 +190,24 @@ int apc_sqlite_step(struct apc_sqlite *sq, sqlite3_stmt *statement)
     int err = rc == SQLITE_DONE ? 0 : apc_sqlite_fail(sq, rc); /* the reset would change the message */
     sqlite3_reset(statement);
     return err;
+}
+
+#define NEAR 8 /* rows that are stepped over in the time that one takes to be looked up */
+
+int apc_sqlite_find_row(struct apc_sqlite *sq, enum apc_sqlite_sql which, int64_t from, int64_t pos)
+{
+    sqlite3_stmt *statement = apc_sqlite_use(sq, which);
+    int64_t far = which == APC_SQLITE_ROWS_UP ? pos - from : from - pos;
+    if (from == 0 || far < 1 || far > NEAR) { /* one that came late lies the other way */
+        sqlite3_reset(statement);
+        sqlite3_bind_int64(statement, 1, pos);
+        far = 1;
+    }
+    int found = 0;
+    do {
+        found = apc_sqlite_step(sq, statement);
+    } while (found > 0 && sqlite3_column_int64(statement, 8) != pos && --far > 0);
+    return found > 0 ? sqlite3_column_int64(statement, 8) == pos : found;
 }
 
 int apc_sqlite_run(struct apc_sqlite *sq, const char *sql)

@@ -34,7 +34,8 @@ enum apc_sqlite_sql {
     APC_SQLITE_FORMER_BLOCK, /* ?1 variable, ?2 below seq, ?3 since, ?4 until */
     APC_SQLITE_PUT_BLOCK,    /* as PUT_VARIABLE */
     APC_SQLITE_DROP_BLOCK,   /* ?1 variable, ?2 seq */
-    APC_SQLITE_SAMPLE,       /* ?1 pos */
+    APC_SQLITE_ROWS_UP,      /* ?1 pos: from it on */
+    APC_SQLITE_ROWS_DOWN,
     APC_SQLITE_INSERT,
     APC_SQLITE_LINK,        /* ?1 pos, ?2 previous */
     APC_SQLITE_DROP_SAMPLE, /* ?1 pos */
@@ -115,6 +116,9 @@ void apc_sqlite_drop(struct apc_sqlite *sq);
 
 /** Take a statement from the cache; its parameters are still those of its last use. */
 sqlite3_stmt *apc_sqlite_use(struct apc_sqlite *sq, enum apc_sqlite_sql which);
+/** Step to the row at @p pos with ROWS_UP or ROWS_DOWN; @p from: where it stands, 0: nowhere. A row nearby is stepped to
+ * and another looked up. Returns 1, 0 when it is not there, or an error; who ends before that resets the statement. */
+int apc_sqlite_find_row(struct apc_sqlite *sq, enum apc_sqlite_sql which, int64_t from, int64_t pos);
 /** Prepare one that is used seldom. */
 int apc_sqlite_prepare(struct apc_sqlite *sq, const char *sql, sqlite3_stmt **statement);
 /** One step: 1 for a row, 0 when it is done, or an error. Done or failed it is reset. */

@@ -188,42 +188,33 @@ int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s)
     return found < 0 ? found : 0;
 }
 
-/* One row, and the place of the one before it. */
-static int load_block_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct apc_sqlite_row *row,
-                          int64_t *previous)
+/* The row at hand, which is to be one of the variable; returns the place of the one before it. */
+static int64_t take_row_of_block(sqlite3_stmt *statement, struct apc_sqlite_row *row, int64_t variable)
 {
-    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_SAMPLE);
-    sqlite3_bind_int64(statement, 1, pos);
-    int found = apc_sqlite_step(sq, statement);
-    if (found < 0) {
-        return found;
-    }
-    bool ours = found > 0 && sqlite3_column_int64(statement, 0) == variable;
-    if (ours) {
-        row->pos = pos;
-        row->sample =
-            (struct apc_sample){.table = (enum apc_table)(variable & 15), .id = (int)(variable >> 4)};
-        take_sample_columns(statement, 2, &row->sample);
-        *previous = sqlite3_column_int64(statement, 1);
-    }
-    sqlite3_reset(statement);
-    return ours ? 0 : apc_sqlite_damaged(sq);
+    row->pos = sqlite3_column_int64(statement, 8);
+    row->sample = (struct apc_sample){.table = (enum apc_table)(variable & 15), .id = (int)(variable >> 4)};
+    take_sample_columns(statement, 2, &row->sample);
+    return sqlite3_column_int64(statement, 1);
 }
 
 static int load_block_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
-    int64_t pos = b->pos;
-    for (size_t i = (size_t)b->count; i-- > 0;) {
-        int err = load_block_row(sq, variable, pos, &l->rows[i], &pos);
-        if (err) {
-            return err;
-        }
-        if (i + 1 < (size_t)b->count && l->rows[i].sample.seq >= l->rows[i + 1].sample.seq) {
-            return apc_sqlite_damaged(sq);
+    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_ROWS_DOWN);
+    int64_t pos = b->pos, from = 0;
+    int found = 1;
+    for (size_t i = (size_t)b->count; i-- > 0 && found > 0;) {
+        found = apc_sqlite_find_row(sq, APC_SQLITE_ROWS_DOWN, from, pos);
+        from = pos;
+        if (found > 0 && sqlite3_column_int64(statement, 0) == variable) {
+            pos = take_row_of_block(statement, &l->rows[i], variable);
+            found = i + 1 == (size_t)b->count || l->rows[i].sample.seq < l->rows[i + 1].sample.seq;
+        } else {
+            found = found < 0 ? found : 0;
         }
     }
-    return 0;
+    sqlite3_reset(statement);
+    return found == 0 ? apc_sqlite_damaged(sq) : found < 0 ? found : 0;
 }
 
 /* After an error the rows are no block's: with it the transaction ends, and the next begins without any. */

@@ -169,20 +169,15 @@ struct given {
 };
 
 /* The elements of a row behind those that are there: 1, 0 when it has just been dropped, or an error. */
-static int fetch_elements(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct given *g,
-                          uint32_t *n)
+static int fetch_elements(struct apc_sqlite *sq, const struct apc_sqlite_row *row, int64_t from,
+                          struct given *g, uint32_t *n)
 {
     const struct apc_sample *s = &row->sample;
-    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_SAMPLE);
-    sqlite3_bind_int64(statement, 1, row->pos);
-    int found = apc_sqlite_step(sq, statement);
-    if (found <= 0) {
-        return found;
-    }
-    if (sqlite3_column_int64(statement, 0) != apc_sqlite_variable(s->table, s->id) ||
+    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_ROWS_UP);
+    int found = apc_sqlite_find_row(sq, APC_SQLITE_ROWS_UP, from, row->pos);
+    if (found <= 0 || sqlite3_column_int64(statement, 0) != apc_sqlite_variable(s->table, s->id) ||
         sqlite3_column_int64(statement, 2) != s->seq) {
-        sqlite3_reset(statement);
-        return 0;
+        return found < 0 ? found : 0;
     }
     const uint32_t need = (uint32_t)sqlite3_column_bytes(statement, 5) / 8;
     if (g->used + need > g->room) {
@@ -195,7 +190,6 @@ static int fetch_elements(struct apc_sqlite *sq, const struct apc_sqlite_row *ro
     found = g->used + need > g->room
                 ? apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for a vector of %u", need)
                 : decode(sq, statement, 5, g->value + g->used, need);
-    sqlite3_reset(statement);
     *n = need;
     return found < 0 ? found : 1;
 }
@@ -216,13 +210,14 @@ static int read_ahead(struct apc_sqlite *sq, const struct apc_sqlite_row *row, s
     g->most = g->most < APC_SQLITE_BLOCK ? g->most : APC_SQLITE_BLOCK;
     for (size_t i = 0; i < left && i < g->most && found >= 0; i++) {
         uint32_t n = 0;
-        found = fetch_elements(sq, row + i, g, &n);
+        found = fetch_elements(sq, row + i, found > 0 ? row[i - 1].pos : 0, g, &n);
         g->ahead[i].first = g->used;
         g->ahead[i].n = n;
         g->ahead[i].there = found > 0;
         g->used += n;
         g->n++;
     }
+    sqlite3_reset(apc_sqlite_use(sq, APC_SQLITE_ROWS_UP));
     found = apc_sqlite_end(sq, found);
     return found < 0 ? found : 0;
 }
