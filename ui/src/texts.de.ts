@@ -118,7 +118,7 @@ export const de = {
   "faults.title": "Störungen",
   "faults.none": "Das Experiment hat keine",
   "faults.waits": "wartet",
-  "faults.timed": "hat ihre Zeit",
+  "faults.timed": "nach Zeitplan",
   "faults.started": "begonnen {at}",
   "faults.held": "an ihrer Grenze seit {at}",
   "faults.stopped": "beendet {at}",

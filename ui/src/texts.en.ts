@@ -117,7 +117,7 @@ export const en = {
   "faults.title": "Faults",
   "faults.none": "The experiment has none",
   "faults.waits": "waits",
-  "faults.timed": "has its time",
+  "faults.timed": "scheduled",
   "faults.started": "started at {at}",
   "faults.held": "at its limit since {at}",
   "faults.stopped": "stopped at {at}",

@@ -58,6 +58,20 @@ async function fourTanks() {
   await page.context().close();
 }
 
+/** Its third part: a tuning that is tried on the model of the last ten minutes. */
+async function workbench(page) {
+  await page.goto(page.url().replace(/#.*/, "#workbench"));
+  await page.locator("main").getByRole("button", {name: /10 min$/}).click();
+  await page.locator("main").getByRole("button", {name: /^Identi/}).click();
+  await page.locator(".workbench .slider").first().waitFor();
+  for (const look of ["light", "dark"]) {
+    await page.emulateMedia({colorScheme: look});
+    await new Promise(resolve => setTimeout(resolve, 2500));
+    await page.locator(".workbench h2").nth(2).evaluate(head => head.scrollIntoView({block: "start"}));
+    await page.screenshot({path: `${folder}/workbench-${look}.png`});
+  }
+}
+
 async function oneLoop() {
   const page = await open(browser, "loop", {viewport: size, locale});
   const rest = () => seconds - (Date.now() - start) / 1000;
@@ -89,6 +103,8 @@ async function oneLoop() {
   for (const screen of ["overview", "loop", "trend", "events", "timing", "diagnostics", "plants"])
     await shots(page, screen, screen, {height: screen === "events" ? 600 : screen === "plants" ? 400 : size.height, before: screen === "loop" ? halfway : undefined, narrow: screen === "loop" || screen === "overview"});
   await shots(page, "loop", "why", {before: why}); // the ramp has gone on for long enough
+  await page.keyboard.press("Escape");
+  await workbench(page);
   await page.context().close();
 }
 
