@@ -104,12 +104,16 @@ static void tune_mpc(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
     const struct apc_mpc_weights weights = {
-        .q = p->q, .s = p->s, .r = p->r, .zone = p->zone, .least = p->least};
+        .q = p->q, .s = p->s, .r = p->r, .zone = p->zone, .least = p->least, .price = p->price};
 
     memset(p->q, 0, ny * sizeof(*p->q));
     for (size_t k = 0; k < p->dim.nz; k++) {
         const size_t i = p->cv[k];
 
+        if (p->economic[i]) { /* which need not be measured */
+            p->price[i] = of_y(c, i, SERVICE) >= 0.5 ? of_y(c, i, WEIGHT) : 0.0;
+            continue;
+        }
         p->q[i] = is_served(p, c, i) ? of_y(c, i, WEIGHT) / (p->dev_y[i] * p->dev_y[i]) : 0.0;
         p->zone[i] = of_y(c, i, ZONE);
     }
@@ -120,13 +124,15 @@ static void tune_mpc(struct apc_law_mpc *p, const struct apc_law_call *c)
     if (p->is_tuned && !memcmp(p->tuned, p->q, ny * sizeof(*p->q)) &&
         !memcmp(p->tuned + ny, p->zone, ny * sizeof(*p->q)) &&
         !memcmp(p->tuned + 2 * ny, p->s, nu * sizeof(*p->s)) &&
-        !memcmp(p->tuned + 2 * ny + nu, p->r, nu * sizeof(*p->r)))
+        !memcmp(p->tuned + 2 * ny + nu, p->r, nu * sizeof(*p->r)) &&
+        !memcmp(p->tuned + 2 * ny + 2 * nu, p->price, ny * sizeof(*p->price)))
         return;
     p->is_tuned = apc_mpc_tune(p->mpc, &weights, NULL) == 0;
     memcpy(p->tuned, p->q, ny * sizeof(*p->q));
     memcpy(p->tuned + ny, p->zone, ny * sizeof(*p->q));
     memcpy(p->tuned + 2 * ny, p->s, nu * sizeof(*p->s));
     memcpy(p->tuned + 2 * ny + nu, p->r, nu * sizeof(*p->r));
+    memcpy(p->tuned + 2 * ny + 2 * nu, p->price, ny * sizeof(*p->price));
 }
 
 /* Rows that the caller has; the last of them goes on. A measurement without a setpoint has weight 0. */

@@ -38,6 +38,7 @@ struct apc_law_mpc {
     double *hold;          /* [ny] s for which a measurement that is Bad is controlled by its estimate */
     double *least;         /* [ny] weight of a measurement in the terminal cost where no other sees a mode */
     bool *critical;        /* [ny] */
+    bool *economic;        /* [ny] its setpoint is what a unit of it costs */
 
     struct apc_linear_unknown *unknown;   /* [n_unknown] */
     struct apc_linear *model, *disturbed; /* of the problem; with unknown disturbances, of filter and rest */
@@ -71,7 +72,8 @@ struct apc_law_mpc {
     double *plan, *shifted;                                        /* [nu * blocks] */
     double *w, *d;                                                 /* [(N + 1) * ny], [(N + 1) * nd] */
     double *u_last, *reference, *cost, *low, *high, *step, *s, *r; /* [nu] */
-    double *q, *zone, *y_low, *y_high;                             /* [ny] */
+    double *q, *zone, *price, *y_low, *y_high;                     /* [ny] */
+    double *worth, *curve, *bend;                                  /* of nmpc: [N * ny], [n * n], [nu] */
     double *tuned;                                                 /* weights that the problem has */
     bool is_tuned, is_seen;
     double *input;        /* [nu + nd] */

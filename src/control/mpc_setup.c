@@ -14,10 +14,11 @@
 #define HOLD        10.0 /* periods, where settings do not say */
 #define LEAST       1e-6 /* of a weight of 1: what keeps modes in hand that no other weight sees */
 
-const char *const apc_mpc_settings[] = {"horizon",          "blocks",    "measurement", "rank",    "terminal",
-                                        "setpoint_preview", "steady",    "delay",       "y_scale", "u_scale",
-                                        "x_noise",          "d_noise",   "y_noise",     "hold",    "critical",
-                                        "at_input",         "at_output", "iterations",  NULL};
+const char *const apc_mpc_settings[] = {
+    "horizon",          "blocks",    "measurement", "rank",     "terminal",
+    "setpoint_preview", "steady",    "delay",       "y_scale",  "u_scale",
+    "x_noise",          "d_noise",   "y_noise",     "hold",     "critical",
+    "at_input",         "at_output", "iterations",  "economic", NULL};
 
 int apc_mpc_count(const struct apc_law_setup *setup, const char *name, size_t least, size_t most, size_t *to,
                   struct apc_error *why)
@@ -321,6 +322,19 @@ static int take_mpc_signals(struct apc_law_mpc *p, const struct apc_law_setup *s
         rc = apc_setting_index(setup, "critical", ny, i, 0, 1, &critical, why);
         p->critical[i] = critical != 0;
     }
+    for (size_t i = 0; i < ny && rc == 0; i++) {
+        size_t economic = 0, k = 0;
+
+        rc = apc_setting_index(setup, "economic", ny, i, 0, 1, &economic, why);
+        p->economic[i] = economic != 0;
+        while (k < p->dim.nz && p->cv[k] != i)
+            k++;
+        if (rc == 0 && economic && k == p->dim.nz)
+            rc = apc_fail(why, APC_EINVAL,
+                          "setting \"economic\": measurement %zu has no setpoint, which is what a unit of it "
+                          "costs: give it one",
+                          i + 1);
+    }
     return rc;
 }
 
@@ -524,6 +538,7 @@ static int allocate_mpc_law(struct apc_law_mpc *p, struct apc_error *why)
                                      APC_PART(p->zone, ny),
                                      APC_PART(p->y_low, ny),
                                      APC_PART(p->y_high, ny),
+                                     APC_PART(p->price, ny),
                                      APC_PART(p->tuned, ny * 3 + nu * 2),
                                      APC_PART(p->prediction, p->N * ny),
                                      APC_PART(p->multiplier, 4 * nu + 2 * ny),
@@ -533,6 +548,9 @@ static int allocate_mpc_law(struct apc_law_mpc *p, struct apc_error *why)
                                      APC_PART(p->nodes, nonlinear * p->N * nx),
                                      APC_PART(p->G, nonlinear * p->N * ny * n),
                                      APC_PART(p->free_y, nonlinear * p->N * ny),
+                                     APC_PART(p->worth, nonlinear * p->N * ny),
+                                     APC_PART(p->curve, nonlinear * n * n),
+                                     APC_PART(p->bend, nonlinear * nu),
                                      APC_PART(p->Gx, nonlinear * p->nc * n),
                                      APC_PART(p->free_x, nonlinear * p->nc)};
 
@@ -585,9 +603,10 @@ static int make_mpc_law(struct apc_law_mpc *p, const struct apc_law_setup *setup
                         "an operating_point, or a file with a model");
     p->cv = calloc(p->dim.nz + 1, sizeof(*p->cv));
     p->dev_y = calloc(3 * ny + p->dim.nu, sizeof(*p->dev_y));
-    p->critical = calloc(ny, sizeof(*p->critical));
+    p->critical = calloc(2 * ny, sizeof(*p->critical));
     if (!p->cv || !p->dev_y || !p->critical)
         return apc_fail(why, APC_ENOMEM, "no memory");
+    p->economic = p->critical + ny;
     p->hold = p->dev_y + ny;
     p->least = p->hold + ny;
     p->dev_u = p->least + ny;

@@ -8,6 +8,7 @@
 #include "control/mpc.h"
 
 enum { BEGIN = 5 };
+#define BEND  1e-3 /* of an output's deviation: steps to see how what is paid bends */
 #define STILL 1e-7 /* of a move, over its output's deviation: more steps of Newton's are not worth it */
 
 /* ---- Outputs that act late --------------------------------------------------------------------------- */
@@ -51,15 +52,36 @@ static void shift_trajectory(struct apc_law_mpc *p)
                nx * sizeof(*p->nodes));
 }
 
+/* How what is paid bends about moves as they stand; NULL: nothing is paid, or no run leads from them. *@p rc:
+ * APC_ETIMEDOUT. */
+static const double *bend_of_prices(struct apc_law_mpc *p, const double *d, int *rc)
+{
+    const size_t ny = p->dim.ny;
+    bool paid = false;
+
+    for (size_t k = 0; k < p->N * ny; k++) {
+        p->worth[k] = p->price[k % ny] * p->w[k + ny];
+        paid = paid || p->worth[k] != 0.0;
+    }
+    for (size_t j = 0; j < p->dim.nu; j++)
+        p->bend[j] = BEND * p->dev_u[j];
+    if (paid)
+        *rc = apc_shooting_bend(p->shoot, p->start, d, p->shifted, p->past, p->worth, p->bend, p->curve,
+                                apc_mpc_late, p);
+    paid = paid && *rc == 0;
+    *rc = *rc == APC_ESOLVER ? 0 : *rc;
+    return paid ? p->curve : NULL;
+}
+
 static int linearise_here(struct apc_law_mpc *p, const double *d)
 {
-    const int rc =
-        apc_shooting_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
+    int rc = apc_shooting_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
+    const double *curve = rc == 0 ? bend_of_prices(p, d, &rc) : NULL;
 
     if (rc < 0)
         return rc;
     apc_shooting_end(p->shoot, p->nodes, p->past, p->Gx, p->free_x);
-    return apc_mpc_follow(p->mpc, p->G, p->free_y, p->Gx, p->free_x);
+    return apc_mpc_follow(p->mpc, p->G, p->free_y, p->Gx, p->free_x, curve, p->shifted);
 }
 
 /* The problem about moves and nodes as they stand. Where the model is not defined there, or so steep that

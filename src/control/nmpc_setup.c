@@ -20,7 +20,7 @@ const char *const apc_nmpc_settings[] = {
     "horizon", "blocks", "measurement", "rank",     "terminal",  "setpoint_preview",
     "steady",  "delay",  "y_scale",     "u_scale",  "x_noise",   "d_noise",
     "y_noise", "hold",   "critical",    "at_input", "at_output", "iterations",
-    "steps",   "newton", "lower",       NULL};
+    "steps",   "newton", "lower",       "economic", NULL};
 
 /* ---- Loops below ------------------------------------------------------------------------------------ */
 

@@ -201,6 +201,8 @@ static int allocate_mpc(struct apc_mpc *p)
                                      APC_PART(p->q, ny),
                                      APC_PART(p->zone, ny),
                                      APC_PART(p->least, ny),
+                                     APC_PART(p->price, ny),
+                                     APC_PART(p->worth, N * ny),
                                      APC_PART(p->s, nu),
                                      APC_PART(p->r, nu),
                                      APC_PART(p->P, na * na),
@@ -212,6 +214,7 @@ static int allocate_mpc(struct apc_mpc *p)
                                      APC_PART(p->low, n + m),
                                      APC_PART(p->high, n + m),
                                      APC_PART(p->f, n),
+                                     APC_PART(p->bent, n),
                                      APC_PART(p->v, n),
                                      APC_PART(p->broken, n),
                                      APC_PART(p->free_y, N * ny),
@@ -432,7 +435,8 @@ double apc_mpc_predict(struct apc_mpc *p, const double *plan, double *y)
 {
     inputs_of_plan(p, plan);
     respond_to_moves(p, y);
-    return cost_of_y(p, y) + cost_of_moves(p, plan) + (p->ends && p->aims ? cost_of_rest(p, plan) : 0.0);
+    return cost_of_y(p, y) + apc_matrix_dot(p->worth, y, p->N * p->ny) + cost_of_moves(p, plan) +
+           (p->ends && p->aims ? cost_of_rest(p, plan) : 0.0);
 }
 
 void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)

@@ -5,7 +5,8 @@
  *
  * Over the predicted samples i = 1..N, with u constant within each block b of moves,
  *     sum of q (y_i - target_i)^2 / 2  +  sum of s (u_b - u_b-1)^2 / 2  +  sum of r (u_b - u_target)^2 / 2
- * and, where there is a terminal weight, what all of this would cost after N without limits. Limits and rates
+ * and, where there is a terminal weight, what all of this would cost after N without limits; and the sum of
+ * price w_i y_i, whose setpoints w are what a unit of y costs in sample i. Limits and rates
  * of u are hard; those of y are hard as long as there is a way, else they are given up in order of rank, the
  * highest number first, each no more than it must be. A y with a zone costs nothing within it.
  *
@@ -48,6 +49,7 @@ struct apc_mpc_weights {
     const double *s;     /* of moves */
     const double *r;     /* of each u's distance from where it wants to be */
     const double *zone;  /* half its width; 0: y is to be at its setpoint */
+    const double *price; /* [ny] of each y with q = 0, any sign; NULL: zeros */
     const double *least; /* [ny] of each y, in the terminal weight only, and only where the others leave a
                             mode that does not die out by itself without any; NULL: zeros */
 };
@@ -97,12 +99,14 @@ void apc_mpc_targets(struct apc_mpc *mpc, const struct apc_mpc_call *call, doubl
  * Then, for each solution: y = free_y + G (u - u0), free_y [N * ny], G [N * ny * n] with n = nu * blocks, of
  * samples 1..N and the plan's moves; u0 is the model's; so the state at N, free_x [nc], Gx [nc * n] with nc
  * = nx_plant + nx_held. Where there is no steady state, or no regulator there, it goes without a terminal
- * weight. Returns as apc_mpc_tune(). [tick], of order n^2 N ny.
+ * weight. Where prices bend, @p curve [n * n], its lower half, is how about moves @p plan; NULL: not at all.
+ * Where the problem is not convex with it, going from there costs as much more as makes it so. Returns as
+ * apc_mpc_tune(). [tick], of order n^2 N ny.
  */
 int apc_mpc_follow(struct apc_mpc *mpc, const double *G, const double *free_y, const double *Gx,
-                   const double *free_x);
+                   const double *free_x, const double *curve, const double *plan);
 /* What the plan does: y [N * ny], of samples 1..N; of the last call. Returns the sum above, of that and the
- * plan: never below 0. [tick] */
+ * plan: without prices never below 0. [tick] */
 double apc_mpc_predict(struct apc_mpc *mpc, const double *plan, double *y);
 /* Steady state aimed at by sample i (1..N) of the last call: y [ny], u [nu]. [tick] */
 void apc_mpc_target(const struct apc_mpc *mpc, size_t i, double *y, double *u);

@@ -43,8 +43,12 @@ struct apc_mpc {
     double *F, *Fx; /* [nx * (N * ny)], [nx * nx]: y of the samples, x at N from each state, one after another
                      */
     double *A, *H, *H_easy; /* [m * n], [n * n] */
-    double *q, *s, *r, *zone, *least;
-    double *P, *PG; /* [(nc + nu)^2], [(nc + nu) * n] of the terminal weight */
+    double *q, *s, *r, *zone, *least, *price;
+    double *worth;       /* [N * ny] price w of the samples of the last call */
+    const double *curve; /* as of apc_mpc_follow(), while it runs */
+    double damping;      /* of moves from there, over s, so that the problem is convex */
+    double *bent;        /* [n] what both have in the gradient */
+    double *P, *PG;      /* [(nc + nu)^2], [(nc + nu) * n] of the terminal weight */
     double *riccati;
     double *square, *easy, *none;        /* [n + m] weights of soft rows; none: zeros */
     double *low, *high;                  /* [n + m] */

@@ -98,6 +98,20 @@ QP_LANES static void pull(struct apc_mpc *p)
         qp_add(n, -p->pulling[i], p->G + i * n, p->f);
 }
 
+/* What y costs by its price; terminal weight or not, of all samples. */
+static void pull_by_prices(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    for (size_t k = 0; k < p->N * p->ny; k++) {
+        const double price = p->price[k % p->ny];
+
+        p->worth[k] = price != 0.0 ? price * call->w[k + p->ny] : 0.0;
+        if (p->worth[k] != 0.0)
+            qp_add(p->n, p->worth[k], p->G + k * p->n, p->f);
+    }
+    for (size_t k = 0; k < p->n && p->linearise; k++)
+        p->f[k] += p->bent[k];
+}
+
 /* Away from where moves want to be, and from what acts now. */
 static void pull_to_reference(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
@@ -122,6 +136,7 @@ QP_LANES static void mpc_gradient(struct apc_mpc *p, const struct apc_mpc_call *
     size_t i = 0;
 
     pull(p);
+    pull_by_prices(p, call);
     pull_to_reference(p, call);
     if (!p->ends)
         return;

@@ -9,6 +9,8 @@
 #include "base/base_internal.h"
 #include "base/matrix.h"
 
+#define DAMPING 1e9 /* of moves: beyond it nothing moves */
+
 /* q y_c^2 of the state, into Q [(nc + nu)^2]. */
 static void weigh_state(const struct apc_mpc *p, size_t c, double q, double *Q)
 {
@@ -101,6 +103,11 @@ static int make_hessian(struct apc_mpc *p, struct apc_error *why)
                 p->H[k * n + k - nu] -= p->s[j];
         }
     }
+    for (size_t a = 0; p->curve && a < n; a++) {
+        for (size_t b = 0; b <= a; b++)
+            p->H[a * n + b] += p->curve[a * n + b];
+        p->H[a * n + a] += p->damping * p->s[a % nu];
+    }
     if (p->ends)
         rc = weigh_terminal(p, why);
     if (rc < 0)
@@ -119,6 +126,9 @@ static void copy_weights(struct apc_mpc *p, const struct apc_mpc_weights *w)
     memcpy(p->s, w->s, p->nu * sizeof(*p->s));
     memcpy(p->r, w->r, p->nu * sizeof(*p->r));
     memset(p->least, 0, p->ny * sizeof(*p->least));
+    memset(p->price, 0, p->ny * sizeof(*p->price));
+    if (w->price)
+        memcpy(p->price, w->price, p->ny * sizeof(*p->price));
     if (w->least)
         memcpy(p->least, w->least, p->ny * sizeof(*p->least));
 }
@@ -143,8 +153,30 @@ int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struc
     return apc_qp_soft(p->qp, p->none, p->square);
 }
 
+/* With what prices bend about moves @p plan: going from there is damped until it is convex; where that helps no
+ * more, they do not bend. */
+static int make_bent_hessian(struct apc_mpc *p, const double *curve, const double *plan)
+{
+    const size_t n = p->n, nu = p->nu;
+    int rc = APC_EINVAL;
+
+    memset(p->bent, 0, n * sizeof(*p->bent));
+    p->curve = curve;
+    for (p->damping = 0.0; curve && rc == APC_EINVAL && p->damping < DAMPING;
+         p->damping = fmax(1.0, 4.0 * p->damping)) {
+        rc = make_hessian(p, NULL);
+        for (size_t a = 0; a < n && rc == 0; a++) {
+            p->bent[a] = -p->damping * p->s[a % nu] * (plan[a] - p->model->u0[a % nu]);
+            for (size_t b = 0; b < n; b++)
+                p->bent[a] -= curve[a > b ? a * n + b : b * n + a] * (plan[b] - p->model->u0[b % nu]);
+        }
+    }
+    p->curve = NULL;
+    return rc == 0 ? 0 : make_hessian(p, NULL);
+}
+
 int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y, const double *Gx,
-                   const double *free_x)
+                   const double *free_x, const double *curve, const double *plan)
 {
     int rc;
 
@@ -155,10 +187,10 @@ int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y, con
     p->easy_stale = true;
     mpc_make_rows(p);
     p->ends = p->terminal && p->aims;
-    rc = make_hessian(p, NULL);
+    rc = make_bent_hessian(p, curve, plan);
     if (rc < 0 && p->ends) {
         p->ends = false;
-        rc = make_hessian(p, NULL);
+        rc = make_bent_hessian(p, curve, plan);
     }
     return rc;
 }

@@ -43,6 +43,7 @@ struct apc_shooting {
     double *A, *B, *C, *D;        /* [nx * nx], [nx * 2 nu], [ny * nx], [ny * nu] of an interval */
     double *e, *S;                /* [N * nx], [N * nx * n] */
     double *plan, *away;          /* [n] of the last linearisation; from u0 */
+    double *bent, *above, *from;  /* [n] moves, [n] sums, [nx], to see how a sum bends */
     double *slopes, *product; /* [(nx + ny) * (nx + nu + nd)], [nx * (nx + 2 nu)] where it derives itself */
 };
 
@@ -76,6 +77,9 @@ static int allocate_shooting(struct apc_shooting *s, const struct apc_shooting_o
                                      APC_PART(s->S, s->N * nx * n),
                                      APC_PART(s->plan, n),
                                      APC_PART(s->away, n),
+                                     APC_PART(s->bent, n),
+                                     APC_PART(s->above, n),
+                                     APC_PART(s->from, nx),
                                      APC_PART(s->product, own * (nx + 2 * nu)),
                                      APC_PART(s->slopes, (own + ny) * (nx + all))};
 
@@ -449,6 +453,57 @@ int apc_shooting_linearise(struct apc_shooting *s, const double *x, const double
         }
     }
     return apc_values_ok(G, s->N * ny * n) && apc_values_ok(free_y, s->N * ny) ? 0 : APC_ESOLVER;
+}
+
+/* The sum of worth y, of a run from x with s->bent. APC_ESOLVER: it leads nowhere. */
+static int run_worth(struct apc_shooting *s, const double *x, const double *d, const double *past,
+                     const double *worth, double *sum)
+{
+    *sum = 0.0;
+    memcpy(s->from, x, s->nx * sizeof(*x));
+    for (size_t i = 0; i < s->N; i++) {
+        double *y = s->up + s->nx;
+
+        take_inputs(s, s->bent, past, i);
+        if (end_as_is(s, s->from, d) < 0)
+            return APC_ESOLVER;
+        memcpy(s->from, s->x, s->nx * sizeof(*s->x));
+        predict_outputs(s, s->x, s->newer, d, y);
+        *sum += apc_matrix_dot(worth + i * s->ny, y, s->ny);
+    }
+    return isfinite(*sum) ? 0 : APC_ESOLVER;
+}
+
+int apc_shooting_bend(struct apc_shooting *s, const double *x, const double *d, const double *plan,
+                      const double *past, const double *worth, const double *step, double *curve,
+                      bool (*enough)(void *ctx), void *ctx)
+{
+    const size_t n = s->n;
+    double here, below;
+    int rc;
+
+    memcpy(s->bent, plan, n * sizeof(*plan));
+    rc = run_worth(s, x, d, past, worth, &here);
+    for (size_t a = 0; a < n && rc == 0; a++) {
+        const double h = step[a % s->nu];
+
+        s->bent[a] = plan[a] - h;
+        rc = run_worth(s, x, d, past, worth, &below);
+        s->bent[a] = plan[a] + h;
+        if (rc == 0)
+            rc = run_worth(s, x, d, past, worth, &s->above[a]);
+        curve[a * n + a] = (s->above[a] - 2.0 * here + below) / (h * h);
+        for (size_t b = 0; b < a && rc == 0; b++) {
+            double both = 0.0;
+
+            s->bent[b] = plan[b] + step[b % s->nu];
+            rc = enough(ctx) ? APC_ETIMEDOUT : run_worth(s, x, d, past, worth, &both);
+            s->bent[b] = plan[b];
+            curve[a * n + b] = (both - s->above[a] - s->above[b] + here) / (h * step[b % s->nu]);
+        }
+        s->bent[a] = plan[a];
+    }
+    return rc;
 }
 
 void apc_shooting_move(const struct apc_shooting *s, const double *plan, double *nodes)

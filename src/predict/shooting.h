@@ -52,6 +52,14 @@ int apc_shooting_advance(struct apc_shooting *shoot, double *x, const double *u,
  */
 int apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d, const double *plan,
                            const double *past, const double *nodes, double *G, double *free_y);
+/*
+ * How the sum of worth y bends, worth [horizon * ny], y of the ends as a run from x with moves about @p plan
+ * has them: its second derivatives, the lower half of @p curve [n * n], by differences over step [nu].
+ * Returns 0, APC_ESOLVER as above, or APC_ETIMEDOUT where @p enough says so. [tick]
+ */
+int apc_shooting_bend(struct apc_shooting *shoot, const double *x, const double *d, const double *plan,
+                      const double *past, const double *worth, const double *step, double *curve,
+                      bool (*enough)(void *ctx), void *ctx);
 /* The nodes to where the last linearisation has them with other moves. [tick] */
 void apc_shooting_move(const struct apc_shooting *shoot, const double *plan, double *nodes);
 /* x at the end of the horizon, of the last linearisation, and then former inputs that are still to act, as

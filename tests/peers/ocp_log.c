@@ -103,6 +103,7 @@ int __wrap_apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *w, st
     row("s", w->s, nu);
     row("r", w->r, nu);
     row("zone", w->zone, ny);
+    row("price", w->price ? w->price : w->zone, ny); /* zones are zeros, or refused */
     printf("}\n");
     return __real_apc_mpc_tune(mpc, w, why);
 }

@@ -50,6 +50,9 @@ for experiment in adiabatic-cstr-nmpc van-de-vusse-nmpc; do
   part=("${part[@]:1}")
   logs+=("$work/$experiment.ocp" "$work/$experiment-once.ocp")
 done
+"$APC_BUILD_DIR/tests/ocp_log" "$APC_SOURCE_DIR/experiments/van-de-vusse-economic.conf" duration=1000.0 controller.settings.newton=50 >"$work/economic.ocp"
+logs+=("$work/economic.ocp" "$work/economic.ocp")
+# Promise(laws/nmpc-economic)
 # Promise(laws): The nonlinear programs of both reactors, solved to the end, have no better answer that IPOPT finds,
 #   to 1e-6 of the objective; one step of Gauss and Newton in each tick costs the closed loop less than 1 %.
 PYTHONPATH=$peers timeout $((600 + 2 * most)) python3 "$APC_SOURCE_DIR/tests/peers/ocp_jury.py" "$most" "${logs[@]}" || fail "IPOPT knows better"

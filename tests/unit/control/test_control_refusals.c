@@ -442,6 +442,13 @@ static const struct refusal refusals[] = {
      "law mpc: setting \"hold\": -1 is no number from 0 to 1e+300"},
     {&apc_law_mpc,
      {3, 2, 2, 0},
+     ROW("economic", 1, 0, 1),
+     TANKS,
+     "law mpc: setting \"economic\": measurement 3 has no setpoint, which is what a unit of it costs: give "
+     "it "
+     "one"},
+    {&apc_law_mpc,
+     {3, 2, 2, 0},
      ROW("critical", 0, 0, 2),
      TANKS,
      "law mpc: setting \"critical\": 2 is no whole number from 0 to 1"},

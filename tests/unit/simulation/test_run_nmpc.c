@@ -13,6 +13,7 @@
 #include "check.h"
 #include "simulated.h"
 
+#include <apcplant.h>
 #include <apcrun.h>
 #include <apcstore.h>
 
@@ -387,6 +388,57 @@ static void above_base_loops_it_moves_their_setpoints(void **state)
             fail_msg("r%d: %g with its equations, %g with a linear model", k + 1, iae[1][k], iae[0][k]);
 }
 
+/* ---- Economics ---------------------------------------------------------------------------- */
+
+#define PRICE  (-50.0) /* 100 x -0.5 */
+#define WANTED 113.1   /* degC */
+
+/* What a steady state costs in each sample; x [4] is where it is sought from, and it. */
+static double cost_at_rest(const struct apc_model *m, double feed, double heat, double x[4])
+{
+    const double u[] = {feed, heat, 5.1, 104.9};
+
+    if (apc_model_equilibrium(m, NULL, u, x, NULL) < 0)
+        return HUGE_VAL;
+    return PRICE * x[1] + (x[2] - WANTED) * (x[2] - WANTED) / 2.0;
+}
+
+/* Promise(laws/nmpc-economic): `nmpc` goes where a measurement with a price and those with setpoints cost least together, also where
+ *   the gain changes its sign; a price that is to change is known ahead. */
+static void it_goes_where_all_costs_least(void **state)
+{
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    const struct apc_model *model;
+    void *handle;
+    double best[4] = {0.0}, least = HUGE_VAL;
+    (void)state;
+
+    if (apc_model_find("van-de-vusse", &model, &handle, &why) < 0)
+        fail_msg("%s", why.text);
+    for (double feed = 5.0; feed <= 30.0; feed += 0.25)
+        for (double heat = -4000.0; heat <= 0.0; heat += 50.0) {
+            double x[] = {2.1, 1.1, 113.0, 112.0};
+            const double cost = cost_at_rest(model, feed, heat, x);
+
+            if (cost < least) {
+                least = cost;
+                memcpy(best, x, sizeof best);
+            }
+        }
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/van-de-vusse-economic.conf", NULL, &why) < 0 ||
+        apc_experiment_set(e, "scheduler.period", "3600", &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    apc_experiment_destroy(e);
+    run(s, 600.0);
+    const double cB = mean(s, APC_SENSOR, CB, 2400.0), at = newest(s, APC_SENSOR, T).value;
+    print_message("%g at %g degC; at rest the best is %g at %g degC\n", cB, at, best[1], best[2]);
+    assert_near(cB, best[1], 0.002);
+    assert_near(at, best[2], 0.15);
+    apc_simulation_destroy(s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -401,6 +453,7 @@ int main(void)
         cmocka_unit_test(what_is_bad_for_longer_than_its_hold_is_given_up_until_it_is_back),
         cmocka_unit_test(without_a_critical_one_it_is_shed_after_its_hold),
         cmocka_unit_test(above_base_loops_it_moves_their_setpoints),
+        cmocka_unit_test(it_goes_where_all_costs_least),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
