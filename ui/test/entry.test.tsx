@@ -47,7 +47,7 @@ test("an entry: what is typed, what will be sent, and what is refused", async ()
   assert.match(said(entry), /outside \u2212100 to 100/);
   await type(field, "1,5");
   assert.match(said(entry), /0\.125 → 1\.5 m: Enter applies, Esc reverts/);
-  assert.match(one(entry).className, /editing/);
+  assert.match(one(entry).className, /typing/);
   await submit(entry);
   const asked = env.take("/api/setpoint");
   assert.deepEqual([asked.body?.id, asked.body?.value, asked.body?.seq], [1, 1.5, 2]);
