@@ -230,6 +230,8 @@ int closed_run(struct closed *c, const struct experiment_overrides *overrides, s
     struct experiment e;
     struct samples writes = {0};
     int rc = closed_experiment(c, &e, overrides, why);
+    if (rc == 0)
+        rc = closed_shift_scheduler(c, &e, why);
     if (rc == 0 && (rc = take_writes(&writes, c, &e, !overrides)) < 0)
         apc_fail(why, rc, "out of memory");
     if (rc == 0)

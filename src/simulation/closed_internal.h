@@ -8,6 +8,8 @@
 /* As it was described then, and with what @p overrides say. Returns 0 or an error. */
 int closed_experiment(const struct closed *c, struct experiment *e,
                       const struct experiment_overrides *overrides, struct apc_error *why);
+/* Of a part, its scheduler is at the step that was due then: @p e goes on with it. Returns 0 or an error. */
+int closed_shift_scheduler(const struct closed *c, struct experiment *e, struct apc_error *why);
 /* What the model makes of the outputs on record. Returns 0 or an error. */
 int closed_estimate(struct closed *c, struct apc_error *why);
 /* Samples, for qsort(). */

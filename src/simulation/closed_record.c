@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "files/files.h"
 #include "replay_internal.h"
@@ -369,6 +370,29 @@ int closed_experiment(const struct closed *c, struct experiment *e,
                                                : experiment_parse(e, &from, parts, overrides, why);
 }
 
+int closed_shift_scheduler(const struct closed *c, struct experiment *e, struct apc_error *why)
+{
+    struct rhythm *r = &e->scheduler.rhythm;
+    const size_t n = e->scheduler.n, steps = e->scheduler.steps;
+    const apc_ns by = c->start - c->zero;
+    if (steps == 0 || by <= 0)
+        return 0;
+    const apc_ns done = by > r->phase ? (by - r->phase + r->period - 1) / r->period : 0; /* by then */
+    double *next = calloc(steps * n + 1, sizeof *next);
+    if (!next)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t k = 0; k < steps; k++) {
+        const size_t at = (size_t)done + k, of = e->scheduler.repeat ? at % steps
+                                                 : at < steps        ? at
+                                                                     : steps - 1;
+        memcpy(next + k * n, e->scheduler.sequence + of * n, n * sizeof *next);
+    }
+    memcpy(e->scheduler.sequence, next, steps * n * sizeof *next);
+    free(next);
+    r->phase += done * r->period - by;
+    return 0;
+}
+
 /* What the store says of these ticks: of one description, by whose law they were made. */
 static int look_at_season(struct closed *c, struct apc_error *why)
 {
@@ -410,6 +434,8 @@ static int load_of_folder(struct closed *c, struct apc_error *why)
 static int load_of_store(struct closed *c, const struct beats *beats, struct apc_error *why)
 {
     int rc = place_part(c, beats, why);
+    if (rc == 0)
+        rc = closed_shift_scheduler(c, &c->was, why);
     if (rc < 0)
         return rc;
     c->end = c->of.until - c->start;

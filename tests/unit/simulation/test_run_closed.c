@@ -202,6 +202,19 @@ static void layers_of_controllers_are_closed_at_once(void **state)
     assert_record("two layers");
 }
 
+/* Promise(simulation/replay-closed-part) */
+static void a_schedule_that_ends_is_where_it_was(void **state)
+{
+    (void)state;
+    record("four-tank", NULL, 0);
+    if (close_loop(S(1236), S(1836)) < 0)
+        fail_msg("%s", why.text);
+    assert_record("behind its last step");
+    if (close_loop(S(760), S(1100)) < 0)
+        fail_msg("%s", why.text);
+    assert_record("over its last step");
+}
+
 static void what_cannot_be_closed_is_refused(void **state)
 {
     (void)state;
@@ -234,6 +247,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(under_the_law_that_ran_it_is_the_record, end),
         cmocka_unit_test_teardown(layers_of_controllers_are_closed_at_once, end),
+        cmocka_unit_test_teardown(a_schedule_that_ends_is_where_it_was, end),
         cmocka_unit_test_teardown(what_cannot_be_closed_is_refused, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
