@@ -28,12 +28,13 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 
 /* ---- Taking over -------------------------------------------------------------------------- */
 
-/* The mode of all loops is nobody's; whose a setpoint is, is the scheduler's matter. */
+/* The mode of all loops is nobody's; whose a setpoint is, is the scheduler's matter, and who acts, no controller's. */
 static bool is_variable_shown(const struct apc_tag *tag)
 {
-    return tag->table == APC_OPMODE ? tag->controller[0] != '\0' || loops_is_owner_id(tag->id)
-                                    : (tag->table < APC_STATE && tag->table != APC_DIM) ||
-                                          tag->table == APC_ACTUAL || tag->table == APC_ESTIMATE;
+    return tag->table == APC_OPMODE
+               ? tag->controller[0] != '\0' || loops_is_owner_id(tag->id) || tag->id / LOOPS_IDS == 2
+               : (tag->table < APC_STATE && tag->table != APC_DIM) || tag->table == APC_ACTUAL ||
+                     tag->table == APC_ESTIMATE;
 }
 
 static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)

@@ -108,9 +108,9 @@ static const struct asked {
     uint32_t mark;
 } questions[] = {
     {get_session, {NULL}, NULL, 0x83911216},
-    {get_plant, {NULL}, NULL, 0xa676c532},
+    {get_plant, {NULL}, NULL, 0x7921eb28},
     {get_graphic, {NULL}, NULL, 0xef527b92},
-    {get_state, {NULL}, NULL, 0x469d47d0},
+    {get_state, {NULL}, NULL, 0x8885285d},
     {get_livez, {NULL}, NULL, 0x806db533},
     {get_readyz, {NULL}, NULL, 0xfcb5c7af},
     {get_history, {"var", "y1", "since", "1000", "until", "1020", "last", "50"}, NULL, 0xc5e7ef56},
@@ -203,7 +203,7 @@ static const struct asked {
     {post_alarm_shelve, {NULL}, "{\"seq\":0,\"until\":60}", 0x1fb6fc88},
     {post_alarm_service, {NULL}, "{\"seq\":0,\"out\":true}", 0x1fb6fc88},
     {get_writes, {NULL}, NULL, 0x6d86e753},
-    {get_state, {NULL}, NULL, 0x469d47d0},
+    {get_state, {NULL}, NULL, 0x8885285d},
     {get_events, {"kind", "operator"}, NULL, 0x3effc31b},
 };
 
