@@ -468,6 +468,32 @@ void operation_end(struct operation *o);
 /* The row made a setpoint the operator's: "r taken Local, cascade open". Returns text; NULL: it did not. */
 char *operation_taken(const struct operation *o, const struct apc_sample *row, char *text, size_t size);
 
+/* ---- Promotion ------------------------------------------------------------------------------- */
+
+/* Which of several controllers of the same outputs acts: a switch, and how far the one that is to act has come. */
+struct promotion {
+    const struct loops *loops;
+    const struct loops_controller *to;
+    struct apc_sample choice, target,
+        actual;             /* the switch; of its first loop the target and the actual mode */
+    struct apc_vector tick; /* of its own */
+};
+
+/* Returns 0, or an error: "variable", there is no such controller; "second", one of them takes two persons; "mode", no
+ * other one has its outputs. */
+int promotion_find(struct promotion *p, const struct loops *loops, const char *name,
+                   struct change_fault *why);
+int promotion_look(struct promotion *p, struct apc_store *store); /* 0 or the store's error */
+/* Who acts by the last look; NULL: nobody knows. */
+const struct loops_controller *promotion_acting(const struct promotion *p);
+/* It acts, as far as is seen: out of service, if that is what is wanted, nobody can see who does. */
+bool promotion_is_done(const struct promotion *p);
+int promotion_silent(const struct promotion *p, struct change_fault *why); /* it does not tick: APC_EPERM */
+/* Write it, unless the switch is another's since the last look. The caller records @event then, which has @p note before
+ * the reason. Returns 0, or an error: "stale", "unknown", "store". */
+int promotion_put(struct promotion *p, struct apc_store *store, const char *author, const char *note,
+                  const char *reason, struct apc_event *event, struct change_fault *why);
+
 /* ---- Ramps ----------------------------------------------------------------------------------- */
 
 /*

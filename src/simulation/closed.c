@@ -241,6 +241,26 @@ int closed_run(struct closed *c, const struct experiment_overrides *overrides, s
     return rc;
 }
 
+int closed_promote(struct closed *c, const struct controller *to)
+{
+    const struct apc_sample acts = {.table = APC_OPMODE,
+                                    .id = to->acting,
+                                    .time = SIMULATION_BEGIN + c->since,
+                                    .value = to->number,
+                                    .status = APC_GOOD,
+                                    .author = 1};
+    size_t n = 0;
+    for (size_t i = 0; i < c->written.n; i++) {
+        const struct apc_sample *row = &c->written.at[i];
+        if (row->table != APC_OPMODE || row->id != acts.id || row->time < acts.time)
+            c->written.at[n++] = *row;
+    }
+    c->written.n = n;
+    const int rc = samples_add(&c->written, &acts);
+    samples_sort(&c->written);
+    return rc;
+}
+
 double closed_left_out(const struct closed *c, size_t k)
 {
     const struct closed_model *m = &c->model[k];

@@ -256,11 +256,25 @@ static int load_window(struct replay *r, struct apc_store *store, apc_ns until)
     return rc < 0 ? rc : replay_load_samples(r, store, &named);
 }
 
+static bool has_mark(const struct apc_controller *core, const double *row, size_t n)
+{
+    return n == core->out_row->n && row[0] >= core->mark[0] && row[0] <= core->mark[0] &&
+           row[1] >= core->mark[1] && row[1] <= core->mark[1];
+}
+
 static bool is_made_by(const struct replay_controller *rc, const struct ticks *ticks, size_t k)
 {
-    const double *row = ticks->value + ticks->at[k].first, *mark = rc->core->mark;
-    return ticks->at[k].n == rc->core->out_row->n && row[0] >= mark[0] && row[0] <= mark[0] &&
-           row[1] >= mark[1] && row[1] <= mark[1];
+    return has_mark(rc->core, ticks->value + ticks->at[k].first, ticks->at[k].n);
+}
+
+int simulation_made_by(const struct experiment *e, const struct controller *c, const struct apc_vector *tick,
+                       struct apc_error *why)
+{
+    struct apc_controller *core = NULL;
+    const int rc = module_controller(e, c, false, &core, why);
+    const int made = rc < 0 ? rc : has_mark(core, tick->value, tick->n);
+    apc_controller_destroy(core);
+    return made;
 }
 
 /* The description, not newer than @p newest, with which the row of controller @p number was made. */

@@ -378,6 +378,10 @@ int season_replay(struct season *s, apc_ns since, apc_ns until, struct apc_error
 void season_add(struct season *to, const struct season_controller *controller,
                 const struct season_loop *loop);
 void season_close(struct season *s);
+/* Was a tick row, of which the first two numbers are there, made by that controller as @p e has it: its law, its settings,
+ * its model? Returns 1, 0 or an error. */
+int simulation_made_by(const struct experiment *e, const struct controller *c, const struct apc_vector *tick,
+                       struct apc_error *why);
 
 /* ---- Why a tick differs ---------------------------------------------------------------------- */
 
@@ -454,6 +458,8 @@ int closed_load(struct closed *c, const struct replay_range *of, struct apc_erro
 /* That record with what overrides say, NULL: as it was, into @made, by time since its start. Returns 0 or an error. */
 int closed_run(struct closed *c, const struct experiment_overrides *overrides, struct samples *made,
                struct apc_error *why);
+/* From its beginning on that controller of @p c->was acts, whoever did then. Returns 0 or APC_ENOMEM. */
+int closed_promote(struct closed *c, const struct controller *to);
 /* How much of what moved measurement @p k is not the model's: 0: nothing; 1: as much as all that it, or the model,
  * moved. */
 double closed_left_out(const struct closed *c, size_t k);

@@ -62,3 +62,58 @@ test("from a record to a tuning that is written", {timeout: 300000}, async () =>
   await until("it is of now alone", () => page.locator("main h1 + .say button").isVisible());
   assert.deepEqual(page.complaints, []);
 });
+
+// Promise(page/workbench-promotion): The workbench shows what a controller in shadow would have done, has it act once its
+//   checklist is done, and backs out at one press; who has not seen that another one acts meanwhile is refused.
+test("a controller in shadow is compared, promoted, watched, backed out of, and promoted again", {timeout: 300000}, async () => {
+  const url = process.env.APC_UI_TANKS;
+  const page = await open(browser, "workbench/F1", {url, viewport: {width: 400, height: 800}});
+  const speed = wanted => page.evaluate(async to => {
+    const {csrf} = await (await fetch("api/session")).json();
+    await fetch("api/speed", {method: "POST", headers: {"Content-Type": "application/json", "X-CSRF-Token": csrf}, body: JSON.stringify({speed: to})});
+  }, wanted);
+  const time = async () => (await state(page)).simulation.t - T0;
+  const acting = name => until(`${name} acts`, async () => (await page.locator("[data-acting]").getAttribute("data-acting")) === name);
+  await speed(400);
+  await until("there is a record", async () => (await time()) > 800);
+  await speed(5);
+  const promote = page.getByRole("button", {name: "Promote trial", exact: true});
+  await acting("base");
+  assert.equal(await promote.isDisabled(), true, "nobody has looked at it");
+  await press(page, "last 10 min");
+  await press(page, "What would trial have done?");
+  await until("it is told", () => page.locator("[data-would=iae]").first().isVisible());
+  assert.ok((await page.locator("[data-would=iae]").allTextContents()).every(text => Number(text) > 0 && Number(text) < 150), "with noise alone it is at rest");
+  assert.equal(await promote.isDisabled(), true, "nobody was told");
+  await page.getByLabel("the operators know of it").focus();
+  await page.keyboard.press("Space");
+  assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
+  await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
+  const axe = await page.evaluate(() => window.axe.run(document, {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"], resultTypes: ["violations"]}));
+  assert.deepEqual(axe.violations.map(({id, nodes}) => `${id}: ${nodes[0].html} ${nodes[0].failureSummary}`), []);
+  await promote.focus();
+  await page.keyboard.press("Enter");
+  await acting("trial");
+
+  // another engineer, who has not seen it
+  const refused = await page.evaluate(async () => {
+    const {csrf} = await (await fetch("api/session")).json();
+    const answer = await fetch("api/promote", {method: "POST", headers: {"Content-Type": "application/json", "X-CSRF-Token": csrf}, body: JSON.stringify({controller: "trial", from: "base"})});
+    return [answer.status, (await answer.json()).error.message];
+  });
+  assert.deepEqual(refused, [409, "trial acts, not base: somebody has promoted meanwhile. Nothing was written"]);
+
+  const back = page.getByRole("button", {name: "Back out: base acts again", exact: true});
+  await back.focus();
+  await page.keyboard.press("Enter");
+  await acting("base");
+  await page.getByRole("button", {name: "Back out: trial acts again", exact: true}).waitFor();
+  await page.locator("header .language select").selectOption("de");
+  await page.getByRole("button", {name: "Zurück: trial wirkt wieder", exact: true}).focus();
+  await page.keyboard.press("Enter");
+  await acting("trial");
+  assert.ok((await time()) < 1990, "too late for the first step of the setpoint");
+  await speed(1000);
+  await until("it has done all", async () => (await time()) > 7100);
+  assert.deepEqual(page.complaints, []);
+});

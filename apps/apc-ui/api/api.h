@@ -40,6 +40,15 @@ void get_why(struct ui *ui, struct request *r, struct apc_store *store);
 void get_health(struct ui *ui, struct request *r, struct apc_store *store);
 void get_model(struct ui *ui, struct request *r, struct apc_store *store);
 void get_preview(struct ui *ui, struct request *r, struct apc_store *store);
+/* The experiment that the store describes, without laws of the user's own. False: the fault is set. */
+bool request_experiment(struct request *r, struct experiment *e, struct apc_store *store);
+/* Two members: of each part of a curve the least and the most value, as they came. @p at: their times, s; NULL: one each
+ * @p Ts. */
+void curve_json(const char *name, const double *at, double Ts, const double *v, size_t n, struct text *t);
+void get_shadow(struct ui *ui, struct request *r, struct apc_store *store);
+void post_promote(struct ui *ui, struct request *r, struct apc_store *store);
+/* The plant as it is described now; known_free(). Returns 0 or APC_ENOMEM. */
+int copy_model_plant(struct ui *ui, struct known_plant *to);
 void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);

@@ -324,7 +324,7 @@ static bool fault_own_law(struct request *r, const struct experiment *e)
     return true;
 }
 
-static bool load_workbench(struct request *r, struct workbench *w, struct apc_store *store)
+bool request_experiment(struct request *r, struct experiment *e, struct apc_store *store)
 {
     struct experiment_source from = {.file = "the store's experiment"};
     struct apc_error why = {0};
@@ -337,9 +337,9 @@ static bool load_workbench(struct request *r, struct workbench *w, struct apc_st
         fault_store(r, rc, store);
     else if (revision == 0)
         rc = APC_ENOTFOUND;
-    else if ((rc = experiment_parse(&w->e, &from, 0, NULL, &why)) == 0 && fault_own_law(r, &w->e)) {
-        experiment_free(&w->e);
-        rc = experiment_parse(&w->e, &from, EXPERIMENT_LAW, NULL, &why);
+    else if ((rc = experiment_parse(e, &from, 0, NULL, &why)) == 0 && fault_own_law(r, e)) {
+        experiment_free(e);
+        rc = experiment_parse(e, &from, EXPERIMENT_LAW, NULL, &why);
     }
     free(text);
     if (rc < 0)
@@ -453,8 +453,7 @@ static int try_tuning(struct workbench *w, struct tried *t, struct apc_error *wh
     return rc < 0 ? rc : loop_preview_run(&t->curves, why);
 }
 
-/* Of each part of a curve the least and the most value, as they came. */
-static void preview_curve_json(const char *name, const double *v, size_t n, double Ts, struct text *t)
+void curve_json(const char *name, const double *at, double Ts, const double *v, size_t n, struct text *t)
 {
     const size_t part = (2 * n + DRAWN - 1) / DRAWN < 2 ? 1 : (2 * n + DRAWN - 1) / DRAWN;
     struct text times = {0};
@@ -474,10 +473,10 @@ static void preview_curve_json(const char *name, const double *v, size_t n, doub
             last = swapped;
         }
         json_add(t, "%.6g", v[first]);
-        json_add(&times, "%.6g", (double)first * Ts);
+        json_add(&times, "%.6g", at ? at[first] : (double)first * Ts);
         if (last > first) {
             json_add(t, "%.6g", v[last]);
-            json_add(&times, "%.6g", (double)last * Ts);
+            json_add(&times, "%.6g", at ? at[last] : (double)last * Ts);
         }
     }
     json_add(&times, "]");
@@ -503,8 +502,8 @@ static void tried_json(const struct workbench *w, const char *name, const struct
              t->margins.phase);
     json_add(to, "delay_margin:%.4g, sensitivity:%.4g, iae:%.4g, iae_disturbance:%.4g, overshoot:%.4g,",
              t->margins.delay, t->margins.sensitivity, iae, load, overshoot);
-    preview_curve_json("y", c->y, c->n, c->Ts, to);
-    preview_curve_json("u", c->u, c->n, c->Ts, to);
+    curve_json("y", NULL, c->Ts, c->y, c->n, to);
+    curve_json("u", NULL, c->Ts, c->u, c->n, to);
     json_add(to, "}");
 }
 
@@ -532,8 +531,8 @@ void get_preview(struct ui *ui, struct request *r, struct apc_store *store)
     int rc;
 
     (void)ui;
-    if (!query_workbench(r, &w, &loop) || !load_workbench(r, &w, store) || !find_preview_loop(r, &w, loop) ||
-        !read_present(r, &w, store)) {
+    if (!query_workbench(r, &w, &loop) || !request_experiment(r, &w.e, store) ||
+        !find_preview_loop(r, &w, loop) || !read_present(r, &w, store)) {
         experiment_free(&w.e);
         return;
     }

@@ -500,8 +500,7 @@ static void *copied(const void *from, size_t n, size_t size)
     return to ? memcpy(to, from, n * size) : NULL;
 }
 
-/* The plant as it is described now; known_free(). */
-static int copy_model_plant(struct ui *ui, struct known_plant *to)
+int copy_model_plant(struct ui *ui, struct known_plant *to)
 {
     const struct plant *from = &ui->model.plant;
     struct loops *loops = &to->loops;

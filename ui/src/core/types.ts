@@ -266,6 +266,23 @@ export interface Kpi {
   service: number | null; // share of the time, 0 to 1
 }
 
+interface ShadowSide {
+  iae: number | null;
+  travel: number;
+  y: {t: number[]; v: number[]};
+  u: {t: number[]; v: number[]};
+}
+
+/** What a controller in shadow would have done, beside what was. */
+export interface Shadowed {
+  since: number;
+  until: number;
+  controller: string;
+  notes: string[];
+  left_out: Record<string, number>; // of each measurement, what moved it that is none of the model's; 1: all
+  loops: {id: number; recorded: ShadowSide; would: ShadowSide}[];
+}
+
 /** Which loops need somebody; those of the window that have been judged, all of them where none is left. */
 export interface Health {
   since: number;

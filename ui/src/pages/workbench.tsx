@@ -1,19 +1,21 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// From the plant's own record to another tuning: which time of it, the model that it gives, what a loop would do, and the write.
+// From the plant's own record to another tuning or controller: which time of it, the model that it gives, what a loop would do, the
+// write, and what a controller in shadow would have done until it acts.
 import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useBarNow} from "../access";
-import {get} from "../core/api";
+import {get, post} from "../core/api";
 import {Curve} from "../core/curve";
 import {env} from "../core/env";
-import {complaint, exact, fromUntil, missing, read} from "../core/format";
+import {clock, complaint, exact, fromUntil, missing, read} from "../core/format";
 import {holds} from "../core/history";
-import {live, microseconds, plant, serverNow, simulation, variable} from "../core/model";
+import {control, events, live, microseconds, plant, second, serverNow, simulation, variable} from "../core/model";
+import {worth} from "../core/quality";
 import {align, held, visible} from "../core/series";
 import {extent} from "../core/scale";
 import {padded, titles} from "../core/trend";
-import type {Loop, PidTuning, Plant, PlantModel, Preview, Transfer, Tried} from "../core/types";
-import {forget, send, slot} from "../core/writing";
+import type {Loop, PidTuning, Plant, PlantEvent, PlantModel, Preview, Shadowed, Transfer, Tried} from "../core/types";
+import {forget, reason, send, slot} from "../core/writing";
 import {Stroke} from "../parts/pens";
 import {Nothing} from "../parts/nothing";
 import {Note} from "../parts/shape";
@@ -23,8 +25,9 @@ import {type Line, plot} from "../plot";
 import {go} from "../router";
 import {onPrint, repaint} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
+import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
-import {tr} from "../core/texts";
+import {said, tr} from "../core/texts";
 
 const TIMES = [{name: "workbench.last10min", seconds: 600}, {name: "workbench.last1h", seconds: 3600}, {name: "workbench.last8h", seconds: 28800}] as const;
 const LATE = 120; // s that a model may take: another engineer's comes first
@@ -52,8 +55,8 @@ export function WorkbenchPage({about}: {about: string | null}): JSX.Element {
   const title = tr("page.workbench");
   if (!p) return <Nothing title={title}>{tr("common.loadingPlant")}</Nothing>;
   if (barred) return <Nothing title={title}>{barred}</Nothing>;
-  const loops = p.loops.filter(isPid);
-  const loop = about == null ? loops[0] : loops.find(one => one.name === about);
+  const loops = p.loops.filter(one => isPid(one) || one.would != null);
+  const loop = about == null ? loops[0] : loops.find(one => one.name === about || one.called === about);
   if (!loop) return <Nothing title={title}>{about == null ? tr("workbench.none") : tr("workbench.noSuch", {name: about})}</Nothing>;
   return (
     <section class="workbench">
@@ -125,7 +128,7 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           </fieldset>
         )}
       </Step>
-      <Step n={2} name="model">
+      {isPid(loop) && <Step n={2} name="model">
         <div class="entry-line">
           <button type="button" class="primary" disabled={asked != null} onClick={identify}>{tr("workbench.identify")}</button>
           <span class="say" role="status">{asked ? tr("workbench.identifying") : model ? tr("workbench.identified", {n: model.samples, period: exact(model.period), time: fromUntil(model.since, model.until)}) : ""}</span>
@@ -133,8 +136,9 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         {error && <p class="complaint" role="alert">{error}</p>}
         {model && <Model of={model} />}
         <Numbers key={model?.t ?? 0} of={chosen} set={choose} />
-      </Step>
-      {chosen ? <Tune loop={loop} model={chosen} /> : <Step n={3} name="tune"><p class="say">{tr("workbench.noModel")}</p></Step>}
+      </Step>}
+      {isPid(loop) && (chosen ? <Tune loop={loop} model={chosen} /> : <Step n={3} name="tune"><p class="say">{tr("workbench.noModel")}</p></Step>)}
+      {loop.would && <Step n={isPid(loop) ? 5 : 2} name="shadow"><Shadow loop={loop} plant={p} within={within} /></Step>}
     </>
   );
 }
@@ -144,7 +148,7 @@ function now(seconds: number): Window {
   return {since: microseconds(until - seconds), until};
 }
 
-function Step({n, name, children}: {n: number; name: "data" | "model" | "tune" | "commission"; children: ComponentChildren}): JSX.Element {
+function Step({n, name, children}: {n: number; name: "data" | "model" | "tune" | "commission" | "shadow"; children: ComponentChildren}): JSX.Element {
   return (
     <section class="panel" aria-labelledby={`workbench-${name}`}>
       <h2 id={`workbench-${name}`}>{n} {tr(`workbench.${name}`)}</h2>
@@ -156,12 +160,12 @@ function Step({n, name, children}: {n: number; name: "data" | "model" | "tune" |
 // ---- Data
 
 /** What was measured and put out; a drag chooses a part of it. */
-function Record({loop, within, choose}: {loop: Loop; within: Window; choose: (part: Window) => void}): JSX.Element {
+function Record({loop, within, choose, also = []}: {loop: Loop; within: Window; choose: (part: Window) => void; also?: (string | null)[]}): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
   const chart = useRef<TrendChart | null>(null);
   const painted = useCell(repaint);
   const [, redraw] = useState(0);
-  const curves = useMemo(() => [loop.measurement, loop.output].flatMap(ref => { const one = variable(ref); return one ? [new Curve(one)] : []; }), []);
+  const curves = useMemo(() => [loop.measurement, loop.output, ...also].flatMap(ref => { const one = variable(ref); return one ? [new Curve(one)] : []; }), []);
   const shown = (one: Curve): ReturnType<typeof held> => (holds(one.variable) && one.variable.period == null ? held(one.series, within.until) : one.series);
   const data = (): TrendData => ({from: within.since, to: within.until, scales: curves.map(one => { const [low, high] = extent(visible(shown(one), within.since, within.until)); return isFinite(low) ? padded(low, high) : {low: 0, high: 1}; })});
   const draw = useRef(shown);
@@ -398,6 +402,146 @@ function Commission({loop, names, proposed, wrong}: {loop: Loop; names: readonly
       <p>{changes.length > 0 ? text : tr("workbench.inForce")}</p>
       <div class="entry-line"><button type="button" class="primary" disabled={wrong || changes.length === 0 || view?.phase === "pending"} onClick={write}>{tr("workbench.write")}</button></div>
       <WriteStatus of={at} retry={write} />
+    </>
+  );
+}
+
+// ---- A controller in shadow
+
+const WATCHED = 600; // s before a promotion that are shown with what comes after
+const OFTEN = 5; // s between two looks
+const OOS = 2;
+const PROMOTED = /^promoted: (\S+) -> ([^\s:]+)/;
+
+/** Who acts on the loop's output, what another one would have done, and its promotion, which another promotion takes back. */
+function Shadow({loop, plant: p, within}: {loop: Loop; plant: Plant; within: Window}): JSX.Element {
+  const shadow = useCell(control)?.shadow ?? [];
+  const rivals = p.loops.filter(one => one.output === loop.output && one.would != null);
+  const acting = rivals.find(one => !shadow.includes(one.controller));
+  const waiting = rivals.filter(one => one !== acting);
+  const [name, choose] = useState<string | null>(null);
+  const [busy, setBusy] = useState(false);
+  const [error, setError] = useState<string | null>(null);
+  const streamed = useCell(events);
+  const acts = acting?.controller ?? "";
+  const {answer} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {kind: "operator", text: "promoted: ", last: 20}), [acts]);
+  const last = [...(answer?.events ?? []), ...streamed.list].filter(one => { const [, , to] = PROMOTED.exec(one.text) ?? []; return to === acts; }).sort((a, b) => a.time - b.time).pop();
+  const former = last && waiting.find(one => one.controller === PROMOTED.exec(last.text)?.[1]);
+  const chosen = waiting.find(one => one.controller === name) ?? waiting[0];
+
+  const promote = (to: string): void => {
+    setBusy(true);
+    setError(null);
+    const why = reason.value.trim();
+    post<PlantEvent>("/api/promote", {controller: to, from: acts, ...(why && {reason: why})}, LATE).then(
+      () => { reason.value = ""; setBusy(false); },
+      (failed: Error) => { setError(failed.message); setBusy(false); },
+    );
+  };
+  return (
+    <>
+      <p role="status" data-acting={acts}>{tr("workbench.acts", {name: acts, others: waiting.map(one => one.controller).join(", ")})}</p>
+      {last && former && (
+        <>
+          <div class="entry-line">
+            <button type="button" class="primary" disabled={busy} onClick={() => promote(former.controller)}>{tr("workbench.backOut", {name: former.controller})}</button>
+            <span class="say">{clock(last.time)} {last.source}: {said(last.text)}</span>
+          </div>
+          <Watch key={last.time} loop={loop} since={last.time} also={former.would} />
+        </>
+      )}
+      {error && <p class="complaint" role="alert">{error}</p>}
+      {waiting.length > 1 && (
+        <label>
+          {tr("workbench.candidate")}{" "}
+          <select value={chosen?.controller} onChange={event => choose(event.currentTarget.value)}>
+            {waiting.map(one => <option key={one.id} value={one.controller}>{one.controller}</option>)}
+          </select>
+        </label>
+      )}
+      {chosen && <Candidate key={chosen.controller} of={chosen} plant={p} within={within} busy={busy} promote={() => promote(chosen.controller)} />}
+    </>
+  );
+}
+
+/** What was before and what comes after, until somebody is content or backs out. */
+function Watch({loop, since, also}: {loop: Loop; since: number; also: string | null}): JSX.Element {
+  const tick = Math.floor(useCell(second) / OFTEN);
+  const within = useMemo(() => ({since: microseconds(since - WATCHED), until: now(0).until}), [tick]);
+  return <Record loop={loop} within={within} choose={() => {}} also={[also]} />;
+}
+
+function Candidate({of, plant: p, within, busy, promote}: {of: Loop; plant: Plant; within: Window; busy: boolean; promote: () => void}): JSX.Element {
+  const [found, setFound] = useState<Shadowed | null>(null);
+  const [error, setError] = useState<string | null>(null);
+  const [asked, setAsked] = useState(false);
+  const [told, tell] = useState(false);
+  const loops = p.loops.filter(one => one.controller === of.controller);
+  useCell(second); // modes and measurements of them all
+  const ask = (): void => {
+    setAsked(true);
+    setError(null);
+    get<Shadowed>("/api/shadow", {controller: of.controller, ...within}, LATE).then(
+      answer => { setFound(answer); setAsked(false); },
+      (failed: Error) => { setFound(null); setError(failed.message); setAsked(false); },
+    );
+  };
+  const checks: [boolean, string][] = [
+    [control.value?.running[of.controller] !== false, tr("workbench.check.ticks", {name: of.controller})],
+    [loops.every(one => { const {value} = live(one.mode.target).value; return value != null && value !== OOS; }), tr("workbench.check.service")],
+    [loops.every(one => one.measurement == null || worth(live(one.measurement).value.status) === "good"), tr("workbench.check.good")],
+    [found != null, tr("workbench.check.seen")],
+  ];
+  return (
+    <>
+      <div class="entry-line">
+        <button type="button" disabled={asked} onClick={ask}>{tr("workbench.wouldHave", {name: of.controller})}</button>
+        <span class="say" role="status">{asked ? tr("workbench.computing") : found ? fromUntil(found.since, found.until) : ""}</span>
+      </div>
+      {error && <p class="complaint" role="alert">{error}</p>}
+      {found && <Would of={found} loops={loops} />}
+      <ul class="checks" aria-label={tr("workbench.checks")}>
+        {checks.map(([fine, text]) => <li key={text} data-fine={fine}>{fine ? "✓" : <Note grave label={tr("workbench.check.not")} />} {text}</li>)}
+        <li><label><input type="checkbox" checked={told} onChange={event => tell(event.currentTarget.checked)} /> {tr("workbench.check.told")}</label></li>
+      </ul>
+      <div class="entry-line"><button type="button" class="primary" disabled={busy || !told || !checks.every(([fine]) => fine)} onClick={promote}>{tr("workbench.promote", {name: of.controller})}</button></div>
+    </>
+  );
+}
+
+/** As it was, dashed, and as it would have been; what of it the model does not tell. */
+function Would({of, loops}: {of: Shadowed; loops: Loop[]}): JSX.Element {
+  const shown = (value: number | null): string => (value == null ? missing : exact(Number(value.toPrecision(4))));
+  const change = (was: number | null, is: number | null): string => (was == null || is == null || was === 0 ? missing : `${exact(Number((100 * (is / was - 1)).toPrecision(3)))} %`);
+  const unsure = Object.entries(of.left_out).filter(([, share]) => share > 0.5).map(([name]) => name);
+  return (
+    <>
+      <p class="say"><Stroke pen={{colour: "--label", dash: [5, 4]}} /> {tr("workbench.recorded")} <Stroke pen={{colour: "--pen-1", dash: []}} /> {tr("workbench.would")}</p>
+      {unsure.length > 0 && <p class="say"><Note label={tr("workbench.leftOutShort")} /> {tr("workbench.leftOut", {names: unsure.join(", ")})}</p>}
+      {of.notes.map(one => <p class="say" key={one}>{one}</p>)}
+      <div class="matrix">
+        {of.loops.flatMap(one => (["y", "u"] as const).map(which => {
+          const loop = loops.find(other => other.id === one.id);
+          const signal = variable((which === "y" ? loop?.measurement : loop?.output) ?? null)?.name ?? which;
+          return <Curves key={`${one.id}${which}`} label={signal} aria={tr("workbench.would.aria", {signal})} step={which === "u"} curves={[{colour: "--label", dash: [5, 4], ...one.recorded[which]}, {colour: "--pen-1", ...one.would[which]}]} />;
+        }))}
+      </div>
+      <div class="scroll" tabIndex={0} role="region" aria-label={tr("workbench.benefit")}>
+        <table class="data">
+          <caption>{tr("workbench.benefit")}</caption>
+          <thead><tr><th scope="col">{tr("overview.loop")}</th>{(["recorded", "would", "change"] as const).map(one => <th key={one} scope="col" class="number">{tr(`workbench.${one}`)}</th>)}</tr></thead>
+          <tbody>
+            {of.loops.flatMap(one => (["iae", "travel"] as const).map(figure => (
+              <tr key={`${one.id}${figure}`}>
+                <th scope="row">{variable(loops.find(other => other.id === one.id)?.output ?? null)?.name} {tr(`workbench.figure.${figure}`)}</th>
+                <td class="number">{shown(one.recorded[figure])}</td>
+                <td class="number" data-would={figure}>{shown(one.would[figure])}</td>
+                <td class="number">{change(one.recorded[figure], one.would[figure])}</td>
+              </tr>
+            )))}
+          </tbody>
+        </table>
+      </div>
     </>
   );
 }
