@@ -708,6 +708,10 @@ static int take_recorded_settings(struct experiment *e, const struct record *rec
     if (!record->file_seed)
         e->seed = record->seed;
     e->start = record->start;
+    e->past = record->past;
+    if (e->past > 0 && experiment_run_dir(e, e->past_dir))
+        snprintf(e->past_dir + strlen(e->past_dir), sizeof e->past_dir - strlen(e->past_dir),
+                 "/" PAST_FOLDER);
     snprintf(e->net, sizeof e->net, "%s", record->net);
     return models_network(&e->models, e->net, why);
 }

@@ -261,6 +261,8 @@ struct experiment {
     struct models models; /* of virtual time */
     char net[512];        /* of a run's record: --net, already in models; "": none */
     apc_ns start;         /* of a run's record: t = 0, UTC; 0: none */
+    double past;          /* s: until then it is what was, in the run folder past_dir; 0: it has no past */
+    char past_dir[EXPERIMENT_PATH];
 
     void *model_handle;
 };
@@ -566,8 +568,9 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
  */
 
 #define RECORD_FILE     "record.conf"
-#define RECORD_HASH_LEN 65 /* SHA-256 in hexadecimal digits */
-#define RECORD_LAW_LEN  64 /* of the name of a file in the folder */
+#define PAST_FOLDER     "past" /* of what was until it went on otherwise, a run folder within */
+#define RECORD_HASH_LEN 65     /* SHA-256 in hexadecimal digits */
+#define RECORD_LAW_LEN  64     /* of the name of a file in the folder */
 
 /* A law or a model of the run. */
 struct record_plugin {
@@ -580,6 +583,7 @@ struct record {
     apc_ns start;    /* t = 0: UTC; 0: in virtual time */
     double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known; NAN: what
                         the file says holds */
+    double past;     /* s: until then it is what the folder past in it says; 0: it has none */
     uint64_t seed;
     bool file_seed; /* instead of it the file's holds */
     char net[512];  /* --net, "" without */

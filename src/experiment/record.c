@@ -109,6 +109,7 @@ static void read_record_file(struct settings *s, const config_setting_t *root, c
                       start);
     settings_number(s, root, "duration", REQUIRED, 0, 366 * 86400.0, &r->duration);
     settings_number(s, root, "ended", OPTIONAL, 0, 1e9, &ended);
+    settings_number(s, root, "past", OPTIONAL, 0, 366 * 86400.0, &r->past);
     settings_whole(s, root, "seed", REQUIRED, INT64_MIN + 1, INT64_MAX, &seed);
     settings_text(s, root, "net", OPTIONAL, r->net, sizeof r->net);
     const config_setting_t *experiment = settings_group(s, root, "experiment", REQUIRED);

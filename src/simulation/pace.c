@@ -58,6 +58,12 @@ static int64_t seq_among(const struct samples *list, const struct apc_sample *va
     return i < list->n ? list->at[i].seq : 0;
 }
 
+/* At @t, to which it comes next: the clock stands just before, or, where something has happened then, there. */
+static apc_ns utc_at(const struct simulation *s, apc_ns t)
+{
+    return apc_clock_utc(s->clock) + s->zero + t - apc_clock_mono(s->clock);
+}
+
 /* What the modules write in a tick is older than what comes after it. Of its variable it comes after what was there
  * when the one before was kept, or at the start: who writes may have a clock of his own. */
 static int keep_written(struct pacer *p, apc_ns t)
@@ -67,7 +73,7 @@ static int keep_written(struct pacer *p, apc_ns t)
     const size_t had = s->written.n;
     int rc = list_written(s->store, &now);
     for (size_t i = 0; i < now.n && rc == 0; i++) {
-        const struct apc_range range = {.since = t > 0 ? apc_clock_utc(s->clock) + 1 : 0,
+        const struct apc_range range = {.since = t > 0 ? utc_at(s, t) : 0,
                                         .after = seq_among(&p->seen, &now.at[i])};
         rc = samples_collect_one(&s->written, s->store, now.at[i].table, now.at[i].id, &range);
     }
@@ -116,7 +122,9 @@ static int make_paced_tick(struct pacer *p, apc_ns t, apc_ns end)
         simulation_happen(s, on_written, s);
     tell_written(p);
     simulation_run(s, apc_ns_to_s(next < end ? next : end));
-    simulation_stop_at_store(s, apc_store_end_tick(s->store, apc_clock_utc(s->clock) + 1, p->reached));
+    const apc_ns now =
+        s->rc == 0 && !s->interrupted ? utc_at(s, next < end ? next : end) : apc_clock_utc(s->clock) + 1;
+    simulation_stop_at_store(s, apc_store_end_tick(s->store, now, p->watch->repeats ? -1 : p->reached));
     return s->rc;
 }
 
@@ -200,7 +208,7 @@ int simulation_pace(struct simulation *s, double until, const struct pace_watch 
     begin_at_speed(&p, 0, wall, t);
     p.window_plant = t;
     simulation_stop_at_store(s, list_written(s->store, &p.seen));
-    simulation_stop_at_store(s, apc_store_end_tick(s->store, SIMULATION_BEGIN + t, 0));
+    simulation_stop_at_store(s, apc_store_end_tick(s->store, utc_at(s, t), watch->repeats ? -1 : 0));
     while (s->rc == 0 && !s->interrupted && t < end && wait_for_turn(&p, t)) {
         make_paced_tick(&p, t, end);
         (void)apc_ns_from_s(s->ended, &t);

@@ -621,9 +621,21 @@ static int make_simulation(struct simulation *s, struct apc_error *why)
     return make_tasks(s, seed, why);
 }
 
+/* Until its past has ended it is what was. */
+static int make_simulation_of(struct simulation *s, const struct experiment *e, uint64_t seed,
+                              struct apc_error *why)
+{
+    s->e = e;
+    s->seed = seed;
+    const int rc = e->past > 0 ? simulation_take_past(s, why) : 0;
+    return rc < 0 ? rc : make_simulation(s, why);
+}
+
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
 {
-    return simulation_create_after(s, e, seed, NULL, why);
+    *s = (struct simulation){.shared = false};
+    snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
+    return make_simulation_of(s, e, seed, why);
 }
 
 int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
@@ -638,12 +650,12 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
 int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,
                              struct apc_error *why)
 {
-    *s = (struct simulation){.e = e, .seed = seed, .shared = true};
+    *s = (struct simulation){.shared = true};
     snprintf(s->uri, sizeof s->uri, "%s", uri);
-    return make_simulation(s, why);
+    return make_simulation_of(s, e, seed, why);
 }
 
-int simulation_run(struct simulation *s, double until)
+static int run_simulation_until(struct simulation *s, double until)
 {
     apc_ns length;
     if (s->rc < 0 || s->interrupted)
@@ -655,6 +667,14 @@ int simulation_run(struct simulation *s, double until)
     s->handled += apc_virtual_run(s->executive, s->zero + length - 1);
     s->ended = s->trajectory.end = s->rc < 0 || s->interrupted ? simulation_time(s) : until;
     return s->rc;
+}
+
+int simulation_run(struct simulation *s, double until)
+{
+    if (s->past && !s->past->over && until >= s->past->at && run_simulation_until(s, s->past->at) == 0 &&
+        !s->interrupted)
+        simulation_end_past(s);
+    return run_simulation_until(s, until);
 }
 
 void simulation_destroy(struct simulation *s)
@@ -687,4 +707,5 @@ void simulation_destroy(struct simulation *s)
     free(s->tags);
     loops_free(&s->loops);
     samples_free(&s->written);
+    simulation_free_past(s->past);
 }

@@ -55,6 +55,7 @@ struct simulation {
     uint64_t step;                   /* it is at, once it has begun, */
     apc_ns step_began;               /* mono, then */
     bool schedules;                  /* it has */
+    struct simulation_past *past;    /* of its experiment; NULL: it has none */
     const struct playback
         *playback; /* what a run in real time did until it goes on; NULL: all is simulated */
     const struct samples
@@ -122,7 +123,8 @@ uint64_t simulation_held(const struct simulation *s);
 uint64_t simulation_failures(const struct simulation *s);
 uint64_t simulated_failures(const struct simulated *c);
 
-/* Returns 0 or a negative error; simulation_destroy() in either case. */
+/* Of an experiment that has a past, its simulation is that until then. Returns 0 or a negative error;
+ * simulation_destroy() in either case. */
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
 /* Until simulation_branch(), which must come at the end of @p playback, what it holds takes the place of all that
  * controllers, scheduler, alarms and people do. */
@@ -154,6 +156,7 @@ struct pace_watch {
     bool (*look)(void *ctx);                 /* every 20 ms or so; true: that is the end */
     void (*written)(void *ctx, size_t from); /* simulation.written has grown from there on */
     void *ctx;
+    bool repeats; /* what was: to all others it begins yet */
 };
 #define SPEED_MOST 1000
 int simulation_create_shared(struct simulation *s, const struct experiment *e, uint64_t seed, const char *uri,

@@ -39,6 +39,23 @@ void simulation_repeat(void *simulation);
 /* What others wrote is seen by those who are not told of it: the trajectory, the scheduler, who moves ramps. */
 void simulation_see_writes(struct simulation *s);
 
+/* ---- past.c */
+
+/* What was until its experiment goes on, in the folder of which that has the name. */
+struct simulation_past {
+    struct experiment was;
+    struct playback playback;
+    double at;                     /* s since t = 0, when it goes on, */
+    const struct experiment *is;   /* as this, */
+    const struct samples *written; /* with what people write from then on; NULL: nothing */
+    bool over;                     /* it does */
+};
+
+int simulation_take_past(struct simulation *s, struct apc_error *why);
+/* It has come to the end of it: from here on it is simulated. Why it cannot be is in s->why. */
+void simulation_end_past(struct simulation *s);
+void simulation_free_past(struct simulation_past *past);
+
 /* ---- instructor.c */
 
 /* Faults that people started or stopped. */

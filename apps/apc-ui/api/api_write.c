@@ -20,8 +20,9 @@ bool fault_change(struct request *r, const struct change_fault *why, const char 
     static const struct {
         const char *code;
         int http;
-    } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"confirm", 409}, {"stale", 409},
-               {"undo", 409},     {"ramp", 409}, {"second", 409}, {"role", 403},    {"unknown", 504}};
+    } all[] = {{"variable", 404}, {"mode", 409},  {"nobody", 409}, {"simulation", 409},
+               {"confirm", 409},  {"stale", 409}, {"undo", 409},   {"ramp", 409},
+               {"second", 409},   {"role", 403},  {"unknown", 504}};
     int http = 422;
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         http = !strcmp(why->code, all[i].code) ? all[i].http : http;

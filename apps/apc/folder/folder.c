@@ -14,6 +14,7 @@
 #include "common/timing.h"
 #include "experiment/experiment.h"
 #include "files/files.h"
+#include "past_folder.h"
 #include "record/record.h"
 #include "record/samples_columns.h"
 #include "simulation/simulation.h"
@@ -124,16 +125,15 @@ static bool is_file(const struct plugin *plugin)
     return strchr(plugin->name, '/') != NULL;
 }
 
-static int copy_file(const char *dir, const char *name, const char *from, struct apc_error *why)
+int folder_copy(const char *dir, const char *name, const char *from, struct apc_error *why)
 {
-    char block[4096], part[64];
+    char block[4096];
     struct file copy;
     size_t n;
     FILE *in = fopen(from, "re");
     if (!in)
         return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", from, strerror(errno));
-    snprintf(part, sizeof part, "%.50s" NEW, name);
-    int rc = file_open(&copy, dir, part, why);
+    int rc = file_open(&copy, dir, name, why);
     if (rc == 0) {
         while ((n = fread(block, 1, sizeof block, in)) > 0)
             fwrite(block, 1, n, copy.stream);
@@ -142,6 +142,13 @@ static int copy_file(const char *dir, const char *name, const char *from, struct
     }
     fclose(in);
     return rc;
+}
+
+static int copy_plugin(const char *dir, const char *name, const char *from, struct apc_error *why)
+{
+    char part[64];
+    snprintf(part, sizeof part, "%.50s" NEW, name);
+    return folder_copy(dir, part, from, why);
 }
 
 /* law.so, of one in Python law.py; of several controllers law-NAME.so, or where the name is no file's
@@ -182,7 +189,7 @@ static int copy_laws(const char *dir, const struct experiment *e, struct apc_err
     int rc = 0;
     for (size_t i = 0; i < e->n_controllers && rc == 0; i++)
         if (is_file(&e->controllers[i].plugin))
-            rc = copy_file(dir, law_file(e, i, name), e->controllers[i].plugin.name, why);
+            rc = copy_plugin(dir, law_file(e, i, name), e->controllers[i].plugin.name, why);
     return rc;
 }
 
@@ -229,7 +236,9 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
     if (rc == 0)
         rc = copy_laws(dir, e, why);
     if (rc == 0 && is_file(&e->plant.plugin))
-        rc = copy_file(dir, plant_file(e), e->plant.plugin.name, why);
+        rc = copy_plugin(dir, plant_file(e), e->plant.plugin.name, why);
+    if (rc == 0 && e->past > 0)
+        rc = past_folder_put(dir, e->past_dir, why);
     if (rc < 0)
         folder_discard(dir, e);
     return rc;
@@ -242,6 +251,7 @@ void folder_discard(const char *dir, const struct experiment *e)
         path_in_folder(dir, kept_file(e, i, name), NEW, path);
         remove(path);
     }
+    past_folder_discard(dir);
     remove(dir); /* fails, as it should, when there is more in it */
 }
 
@@ -322,6 +332,8 @@ static void put_metadata(FILE *out, const struct experiment *e, const struct fol
         put_record_text(out, "\nlive", metadata->live);
     fputc('\n', out);
     put_record_number(out, "duration", e->duration);
+    if (e->past > 0)
+        put_record_number(out, "past", e->past);
     fprintf(out, "seed = %" PRId64 "L;\n", (int64_t)e->seed);
     if (e->net[0]) {
         put_record_text(out, "net", e->net);
@@ -450,7 +462,8 @@ int folder_keep(const char *dir, const struct experiment *e, const struct folder
         else if (rename(from, to) != 0)
             return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", to, strerror(errno));
     }
-    return write_record(dir, e, metadata, why);
+    const int rc = past_folder_keep(dir, why);
+    return rc < 0 ? rc : write_record(dir, e, metadata, why);
 }
 
 int folder_spare(const char *path, bool force, struct apc_error *why)

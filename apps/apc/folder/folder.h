@@ -41,6 +41,8 @@ int folder_begins(const char *dir, apc_ns start, struct apc_error *why);
 /* Its folder has got this name, and its record's store, store.db within, with it. @p live: the store in memory, under
  * the name that it has got; NULL: there is none any more. */
 int folder_moved(const char *dir, const char *live, struct apc_error *why);
+/* A copy of the file @p from, whole or not at all. */
+int folder_copy(const char *dir, const char *name, const char *from, struct apc_error *why);
 /* Take back what folder_create() made, when nothing has been added. */
 void folder_discard(const char *dir, const struct experiment *e);
 

@@ -84,7 +84,7 @@ static int await_return(const struct cli *cli, struct apc_store **store, struct 
         const int rc = operate_again(cli, store, clock, why);
         if (rc > 0 && clock->rewind == 0 && !isinf(clock->asked))
             return 0;
-        if (rc > 0 && clock->now != was)
+        if (clock->now != was)
             since = apc_clock_mono(NULL);
         was = clock->now;
         if (apc_clock_mono(NULL) - since > RETURN)

@@ -34,10 +34,30 @@ static void check_run_options(void *input, const struct argp_state *state)
             : o->spin         ? "--spin"
             : o->hold_latency ? "--hold-latency"
                               : "--history");
-    if (o->from > 0 && !o->pace)
+    if ((o->from > 0 || o->from_store[0]) && !o->pace)
         argp_error(state, "--from: what was in real time does not come again: expected with --speed");
     if (o->spin && o->timer && !strcmp(o->timer, "posix"))
         argp_error(state, "--spin: the executive posix cannot spin: take --timer deadline");
+}
+
+/* SECONDS, or STORE@TIME. */
+static void take_start(void *options, char *arg, const struct argp_state *state)
+{
+    struct run_options *o = options;
+    const char *at = strrchr(arg, '@');
+    o->from = 0;
+    o->from_store[0] = '\0';
+    if (!at && (apc_number_parse(arg, &o->from) < 0 || !(o->from >= 1e-6 && o->from <= YEAR)))
+        argp_error(state, "--from \"%s\": must be seconds, above 0, to 31622400, or STORE@TIME", arg);
+    if (!at)
+        return;
+    if (at - arg >= (ptrdiff_t)sizeof o->from_store || !cli_when(at + 1, &o->from_utc))
+        argp_error(
+            state,
+            "--from \"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, 2026-01-31, or before now, as "
+            "30s, 10m, 2h, 1d",
+            arg, at + 1);
+    snprintf(o->from_store, sizeof o->from_store, "%.*s", (int)(at - arg), arg);
 }
 
 static const char *const timers[] = {"deadline", "posix", NULL};
@@ -57,10 +77,10 @@ static const struct option_spec own_options[] = {
      "speed` "
      "changes it",
      OPTION_TEXT, AT(pace)},
-    {"from", 0, "SECONDS",
-     "With --speed, of the folder of such a run: do again what people did before that time, and go on from "
-     "there",
-     OPTION_NUMBER, AT(from), .low = 1e-6, .high = YEAR, .must = "be seconds, above 0, to 31622400"},
+    {"from", 0, "TIME",
+     "With --speed: go on from what was at TIME, in seconds, in the run whose folder FILE is, or in a store, "
+     "STORE@TIME (RFC 3339, or before now as -10m), without touching it",
+     OPTION_OWN, .take = take_start},
     {"timer", 't', "NAME", "Executive of all daemons: deadline (default) or posix", OPTION_TEXT, AT(timer),
      .choices = timers, .must = "be deadline or posix"},
     {"spin", 0, NULL, "The daemons spin for the last microseconds before a tick (deadline only)", OPTION_FLAG,
@@ -98,18 +118,28 @@ static const struct cli_spec spec = {
     .check = check_run_options,
 };
 
-/* Of the run that is gone on from what people wrote before. */
-static int load_written(struct run *r, struct apc_error *why)
+/* What was in real time until then, in the run folder @p dir. */
+static void begin_at_past(struct run *r, const char *dir)
+{
+    if (r->e.duration <= r->options.from) /* where it ended, or was to */
+        r->e.duration = 0;
+    r->e.past = r->options.from;
+    snprintf(r->e.past_dir, sizeof r->e.past_dir, "%s", dir);
+}
+
+/* Of the run of which that is the folder: what people wrote before, or, of one in real time, all that was. */
+static int take_recorded_run(struct run *r, struct apc_error *why)
 {
     struct samples *w = &r->written;
+    char dir[EXPERIMENT_PATH];
     apc_ns from = 0;
     const int rc = simulation_written(&r->e, w, why);
-    if (rc == 0)
-        return apc_fail(
-            why, APC_ENOTFOUND,
-            "--from: %s: expected the folder of a run of `apc run --speed`, which has " WRITTEN_FILE,
-            r->e.file);
-    if (rc > 0 && r->e.duration > 0 && r->options.from >= r->e.duration)
+    if (rc < 0)
+        return rc;
+    if (!experiment_run_dir(&r->e, dir) || (rc == 0 && !r->e.start))
+        return apc_fail(why, APC_ENOTFOUND,
+                        "--from: %s: expected the folder of a run, or a store as STORE@TIME", r->e.file);
+    if (r->e.duration > 0 && r->options.from >= r->e.duration)
         return apc_fail(why, APC_ERANGE, "--from %g: the run takes %g s: expected a time before its end",
                         r->options.from, r->e.duration);
     (void)apc_ns_from_s(r->options.from, &from);
@@ -117,7 +147,33 @@ static int load_written(struct run *r, struct apc_error *why)
     while (w->n > 0 && w->at[w->n - 1].time >= SIMULATION_BEGIN + from)
         w->n--;
     r->options.from = apc_ns_to_s(from);
-    return rc;
+    if (rc == 0)
+        begin_at_past(r, dir);
+    else if (r->options.from < r->e.past)
+        r->e.past = r->options.from;
+    return 0;
+}
+
+/* From where people go on. */
+static int take_past(struct run *r, struct apc_error *why)
+{
+    if (!r->options.pace || (!r->options.from_store[0] && !(r->options.from > 0))) {
+        r->e.past = 0;
+        return 0;
+    }
+    if (!r->options.from_store[0])
+        return take_recorded_run(r, why);
+    const int rc = store_folder_make(&r->past, r->options.from_store, r->options.from_utc, r->e.file, why);
+    apc_ns from = 0;
+    if (rc < 0)
+        return rc;
+    (void)apc_ns_from_s(r->past.at, &from);
+    r->options.from = apc_ns_to_s(simulation_nearest_tick(&r->e, from));
+    if (!(r->options.from > 0))
+        return apc_fail(why, APC_ERANGE, "--from %s: the plant had not begun by that time",
+                        r->options.from_store);
+    begin_at_past(r, r->past.dir);
+    return 0;
 }
 
 /* ---- Signals ------------------------------------------------------------------------------ */
@@ -414,7 +470,7 @@ static int run_experiment(struct run *r)
     warn(&r->cli, &r->e);
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
-    if (r->options.from > 0 && (rc = load_written(r, &why)) < 0) {
+    if ((rc = take_past(r, &why)) < 0) {
         cli_error(&r->cli, rc, "%s", why.text);
         return rc;
     }
@@ -476,6 +532,7 @@ int command_run(int argc, char **argv)
     int rc = run_experiment(&r);
     run_await_aside();
     samples_free(&r.written);
+    store_folder_drop(&r.past);
     apc_store_close(r.store);
     apc_store_close(r.guard);
     free(r.daemons.child);

@@ -9,6 +9,7 @@
 
 #include "apc/common/cli.h"
 #include "apc/folder/segment.h"
+#include "apc/folder/store_folder.h"
 #include "experiment/experiment.h"
 #include "live.h"
 #include "record/record.h"
@@ -20,7 +21,9 @@ struct run_options {
     bool spin, hold_latency, no_ui, force;
     const char *pace; /* --speed; NULL: in real time, with daemons */
     double speed;
-    double from; /* s: what people did before in the run whose folder it is, is done again; 0: not */
+    double from;          /* s: until then it is what was in the run whose folder it is; 0: not */
+    char from_store[400]; /* instead, what is in this store on record, */
+    apc_ns from_utc;      /* until then; "": in none */
     struct experiment_overrides overrides;
 };
 
@@ -42,6 +45,7 @@ struct run {
     size_t controllers;          /* the first one's place among the daemons */
     size_t done;                 /* of the experiment's actions */
     struct samples written;      /* --from: what people wrote before it */
+    struct store_folder past;    /* what was, of a store */
     apc_ns rewind; /* UTC of the simulated plant to which people want to go back; 0: they do not */
     pid_t rewound; /* the page's process, from the run that was rewound; 0: there is none */
     char dir[512], config[544], store_name[400], live_name[128], host[256];

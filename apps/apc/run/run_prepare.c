@@ -265,6 +265,7 @@ int run_keep_folder(struct run *r)
     snprintf(r->config, sizeof r->config, "%s/run.conf", r->dir);
     const struct folder_metadata metadata = metadata_of(r);
     int rc = folder_keep(r->dir, &r->e, &metadata, &why);
+    snprintf(r->e.past_dir, sizeof r->e.past_dir, "%.500s/" PAST_FOLDER, r->dir);
     if (rc < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     return rc;

@@ -37,7 +37,7 @@ static void say_time(const struct simulated_run *v)
     char asked[SPEED_TEXT];
     (void)apc_store_clock(v->s.store, &clock);
     printf("%s%9.1f s  simulation: asked %s, reached %.1f x%s", v->terminal ? "\r" : "", v->s.ended,
-           speed_text(clock.asked, asked), clock.reached, v->terminal ? "      " : "\n");
+           speed_text(clock.asked, asked), fmax(clock.reached, 0), v->terminal ? "      " : "\n");
     fflush(stdout);
 }
 
@@ -96,14 +96,15 @@ static int open_record(struct simulated_run *v, struct apc_error *why)
 
 /* To where people go on, at the speed that they asked for. Returns 1, 0: it was ended before, or an
  * error. */
-static int repeat_until_then(struct simulated_run *v, const struct pace_watch *watch)
+static int repeat_until_then(struct simulated_run *v, struct pace_watch watch)
 {
     const struct run *r = v->r;
+    watch.repeats = true;
     if (!(r->options.from > 0))
         return 1;
     int rc = simulation_repeat_writes(&v->s, &r->written);
     if (rc == 0)
-        rc = simulation_pace(&v->s, r->options.from, watch);
+        rc = simulation_pace(&v->s, r->options.from, &watch);
     if (rc == 0)
         rc = apc_store_set_speed(v->s.store, r->options.speed, 0);
     return rc < 0 ? rc : v->s.ended >= r->options.from;
@@ -112,14 +113,14 @@ static int repeat_until_then(struct simulated_run *v, const struct pace_watch *w
 static void simulate_for_people(struct simulated_run *v)
 {
     struct run *r = v->r;
-    const struct pace_watch watch = {look_after, add_written, v};
+    const struct pace_watch watch = {.look = look_after, .written = add_written, .ctx = v};
     struct apc_store_clock clock = {.size = sizeof clock};
     struct apc_error why;
     int rc = folder_put_written(r->dir, &v->s.written, SIMULATION_BEGIN, &why);
     if (rc < 0)
         r->failure = why;
     else
-        rc = repeat_until_then(v, &watch);
+        rc = repeat_until_then(v, watch);
     if (rc > 0)
         rc = simulation_pace(&v->s, r->e.duration > 0 ? r->e.duration : YEAR, &watch);
     if (rc < 0 && !r->failure.text[0])

@@ -43,7 +43,11 @@ static apc_ns end_of(const struct whatif *w)
 int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *why)
 {
     struct record_stores there;
-    int rc = w->store[0] ? whatif_store_take(w, e->file, why) : 0;
+    int rc = w->store[0] ? store_folder_make(&w->made, w->store, w->utc, e->file, why) : 0;
+    if (w->store[0]) {
+        snprintf(w->dir, sizeof w->dir, "%s", w->made.dir);
+        w->at = w->made.at;
+    }
     if (rc == 0)
         rc = record_stores(&there, w->dir, why);
     if (rc == 0)
@@ -134,5 +138,5 @@ void whatif_free(struct whatif *w)
     samples_free(&w->unchanged);
     playback_free(&w->playback);
     experiment_free(&w->was);
-    whatif_store_drop(w);
+    store_folder_drop(&w->made);
 }

@@ -5,14 +5,16 @@
 
 #include <stdio.h>
 
+#include "apc/folder/store_folder.h"
 #include "simulation/simulation.h"
 
 struct whatif {
     const char *spec; /* as it was asked for */
     char dir[400];    /* of the run */
-    char store[512];  /* the URI of one whose record makes the run folder, for as long as this; "": none */
-    apc_ns utc;       /* of a store: when it goes on */
-    double at;        /* s since its start, when it goes on */
+    char store[512];  /* the URI of one whose record makes the run folder; "": none */
+    struct store_folder made;
+    apc_ns utc;               /* of a store: when it goes on */
+    double at;                /* s since its start, when it goes on */
     struct experiment was;    /* what ran */
     struct playback playback; /* of a run in real time */
     struct samples unchanged; /* of one: its future as it would have been in virtual time */
@@ -30,10 +32,5 @@ int whatif_begin(const struct whatif *w, struct simulation *s, const struct expe
 /* Of a run in real time: how late its ticks were from then on, and how it would have gone on unchanged. */
 int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why);
 void whatif_free(struct whatif *w);
-
-/* What the store has, of the experiment in @p file, as a run folder: dir, and at. Returns 0 or a negative
- * error; whatif_store_drop() in either case. */
-int whatif_store_take(struct whatif *w, const char *file, struct apc_error *why);
-void whatif_store_drop(struct whatif *w);
 
 #endif

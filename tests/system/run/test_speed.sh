@@ -171,7 +171,7 @@ awk -F, '$1 >= 11.4 { exit } { print }' "$work/other/samples.csv" | diff -q "$wo
 grep -q '^2.400000,info,apc-simulate,operator,"values written again, as in the run that is repeated: 3"$' "$work/other/events.csv" ||
   fail "what was done again is no event: $(cat "$work/other/events.csv")"
 grep -q '^11.400000,setpoint,1,Good,15$' "$work/other/samples.csv" || fail "nobody could go on otherwise"
-expect 1 'expected the folder of a run of' "$apc" run "$file" --speed 1 --from 5 --out "$work/no"
+expect 1 'expected the folder of a run, or a store' "$apc" run "$file" --speed 1 --from 5 --out "$work/no"
 expect 4 'expected a time before its end' "$apc" run "$work/session" --speed 1 --from 60 --out "$work/no"
 expect 2 'expected with --speed' "$apc" run "$work/session" --from 5 --out "$work/no"
 expect 2 'must be seconds, above 0' "$apc" run "$work/session" --speed 1 --from 0 --out "$work/no"
@@ -288,6 +288,21 @@ awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.1/samples.csv" >"$work/befor
 awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.2/samples.csv" | diff -q "$work/before" - || fail "what was before is another"
 grep -q '^20.000000,actuator,1,.*,1.5$\|^20.0[0-9]*,actuator,1,.*,1.5$' "$work/back.1/samples.csv" || fail "what was later is lost"
 
+# Promise(run/rewind-alone): While a simulated run does again what was, others write nothing into it: they are told to wait.
+begin days --no-ui --duration 1e6
+speed step 1
+kill -INT $pid
+wait $pid || true
+"$apc" run "$work/days" --speed 0 --no-ui --out "$work/repeats" --duration 1e6 --from 2e5 >"$work/repeats.log" 2>&1 &
+pid=$!
+until_true 20 grep -q APC_STORE "$work/repeats.log"
+store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/repeats.log")
+repeats() { "$apc" get --store "$store" u >"$work/repeated" 2>&1 && grep -q Good "$work/repeated"; }
+until_true 20 repeats
+expect 1 'the simulated plant goes back: do this again once it stands there' "$apc" set --store "$store" --no-wait r 12
+kill -INT $pid
+wait $pid || true
+! grep -q setpoint "$work/repeats/written.csv" || fail "what was is another one: $(cat "$work/repeats/written.csv")"
 # Promise(run/rewind-exact): To which tick a simulated run goes back does not matter, whatever law controls it: the rest of it is that
 #   of the run that went on.
 RANDOM=40

@@ -141,3 +141,55 @@ grep -Eq '^controller: [0-9]+ ticks from then on' store.txt || fail "how late it
 expect 1 'has no tick on record before that time' "$apc" simulate fast.conf --from "$APC_STORE@$(at -60)"
 expect 1 'it does not go on from 900 s' "$apc" simulate fast.conf -d 1000 --from "$APC_STORE@$(at 900)"
 expect 4 'it belongs to another experiment|it belongs to experiment fast' "$apc" simulate "$experiments/four-tank.conf" --from "$APC_STORE@$(at 3)"
+
+# ---- From there in virtual time, with people
+
+live=$APC_STORE
+unset APC_STORE
+# go_on NAME OPTION...: in folder NAME, from a place in the record, paused there
+go_on() {
+  local name=$1
+  shift
+  TMPDIR=$work/scratch background "$name" "$apc" run --speed 0 --no-ui --out "$name" "$@"
+  until_true 20 grep -q APC_STORE "$name.log"
+  store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$name.log")
+  until_true 60 stands
+}
+stands() { "$apc" speed --store "$store" --json 2>/dev/null | grep -q '"asked":0,'; }
+to_the_end() {
+  "$apc" speed --store "$store" max
+  wait "$pid" || fail "exit code $?: $(cat "$1.log")"
+}
+# again DIR: the run in that folder is simulated once more, with its past and what people wrote
+again() {
+  [ "$(sha256sum <"$1/samples.csv" | cut -d ' ' -f 1)" = "$("$apc" simulate "$1" | sed -n 's/^sha256: *//p')" ] || fail "the simulation of $1 is another"
+}
+# Promise(run/virtual-from): apc run --speed X --from goes on in virtual time from what was in a run folder or a store, without
+#   touching it: its folder has that past, is simulated again bit for bit, and goes back before and behind that time.
+# stored: what is in the plant's store
+stored() { "$apc" get --store "$live" --json | sed 's/"age":[^,}]*//g'; }
+rows=$(stored)
+go_on virtual fast.conf -d 6 --from "$live@$(at 3)"
+to_the_end virtual
+[ "$rows" = "$(stored)" ] || fail "it wrote to the plant's store"
+[ -z "$(ls -A scratch)" ] || fail "it leaves something behind: $(ls scratch)"
+"$apc" simulate fast.conf -d 6 --from "$live@$(at 3)" >unchanged.txt
+[ "$(sed -n 's/^sha256: *//p' unchanged.txt)" = "$(sha256sum <virtual/samples.csv | cut -d ' ' -f 1)" ] || fail "it is another future than apc simulate --from has"
+again virtual
+grep -q ',past,"simulated from here on' virtual/events.csv || fail "nothing says from when on it is simulated: $(cat virtual/events.csv)"
+go_on again real -d 6 --from 3
+expect 0 '' "$apc" mode --store "$store" man --no-wait
+expect 0 '' "$apc" set --store "$store" --no-wait u 2.5
+"$apc" speed --store "$store" step 100
+"$apc" speed --store "$store" rewind 3.5
+expect 0 '"t":946684803.5' "$apc" speed --store "$store" --json
+"$apc" speed --store "$store" rewind 2
+grep -q '^past = 2' again/record.conf || fail "it has another past: $(cat again/record.conf)"
+to_the_end again
+again again
+again again.1
+[ "$(grep -c manual again.1/written.csv)" -eq 1 ] || fail "what people wrote is not on record: $(cat again.1/written.csv)"
+expect 1 'has no tick on record before that time' "$apc" run fast.conf --speed 0 --from "$live@$(at -60)" --out no
+expect 4 'expected a time before its end' "$apc" run real --speed 0 --from 6 --out no
+expect 2 'must be a time, as 2026' "$apc" run fast.conf --speed 0 --from "$live@soon" --out no
+expect 2 'expected with --speed' "$apc" run fast.conf --from "$live@-1s" --out no

@@ -1,16 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A store that goes on otherwise: until then its record is a run folder like others. */
-#include "whatif.h"
+/* What a store has on record, as the folder of a run that goes on otherwise. */
+#include "store_folder.h"
 
 #include <errno.h>
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "apc/folder/folder.h"
 #include "common/storeuri.h"
+#include "past_folder.h"
 
 #define TIMEOUT (60 * APC_NS_PER_S)
 #define LOOK    1000    /* tick rows; the least late of them says when t = 0 was */
@@ -62,61 +61,56 @@ static int find_start(struct apc_store *store, const struct experiment *e, apc_n
     return 0;
 }
 
-static int make_whatif_folder(struct whatif *w, struct apc_store *store, const struct experiment *e,
-                              struct apc_error *why)
+static int make_store_folder(struct store_folder *f, struct apc_store *store, const char *uri, apc_ns at,
+                             const struct experiment *e, struct apc_error *why)
 {
-    struct folder_metadata metadata = {
-        .by = "apc simulate --from", .timer = "", .store = w->store, .host = ""};
     const char *tmp = getenv("TMPDIR");
-    char name[sizeof w->store];
+    char name[400];
     char differs[PROVISION_TEXT];
+    struct folder_metadata metadata = {.by = "apc simulate --from", .timer = "", .store = name, .host = ""};
     int rc = provision_check(store, e, differs);
     if (rc < 0)
         return apc_fail(why, rc, "%s", rc == APC_EPERM ? differs : apc_store_error(store));
-    if ((rc = find_start(store, e, w->utc, &metadata.start, why)) < 0)
+    if ((rc = find_start(store, e, at, &metadata.start, why)) < 0)
         return rc;
-    snprintf(w->dir, sizeof w->dir, "%.380s/apc-XXXXXX", tmp && *tmp ? tmp : "/tmp");
-    if (!mkdtemp(w->dir)) {
-        rc = apc_fail(why, APC_ESYS, "%s: %s", w->dir, strerror(errno));
-        w->dir[0] = '\0';
+    snprintf(f->dir, sizeof f->dir, "%.380s/apc-XXXXXX", tmp && *tmp ? tmp : "/tmp");
+    if (!mkdtemp(f->dir)) {
+        rc = apc_fail(why, APC_ESYS, "%s: %s", f->dir, strerror(errno));
+        f->dir[0] = '\0';
         return rc;
     }
-    store_name(w->store, name, sizeof name);
-    metadata.store = name;
-    w->at = apc_ns_to_s(w->utc - metadata.start);
-    rc = folder_create(w->dir, e, false, why);
+    f->made = true;
+    store_name(uri, name, sizeof name);
+    f->at = apc_ns_to_s(at - metadata.start);
+    rc = folder_create(f->dir, e, false, why);
     if (rc == 0)
-        rc = folder_keep(w->dir, e, &metadata, why);
-    return rc == 0 ? folder_export(w->dir, store, e, metadata.start, 0, metadata.start, 0, why) : rc;
+        rc = folder_keep(f->dir, e, &metadata, why);
+    return rc == 0 ? folder_export(f->dir, store, e, metadata.start, 0, metadata.start, 0, why) : rc;
 }
 
-int whatif_store_take(struct whatif *w, const char *file, struct apc_error *why)
+int store_folder_make(struct store_folder *f, const char *uri, apc_ns at, const char *file,
+                      struct apc_error *why)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = TIMEOUT};
     struct apc_store *store = NULL;
     struct experiment e = {.file = ""};
     struct apc_error reason;
     int rc = experiment_load(&e, file, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
-    w->dir[0] = '\0';
+    *f = (struct store_folder){.made = false};
     if (rc == 0)
-        rc = store_open(&store, w->store, &options, why);
-    if (rc == 0 && (rc = make_whatif_folder(w, store, &e, &reason)) < 0)
-        apc_fail(why, rc, "%s: %s", w->spec, reason.text);
+        rc = store_open(&store, uri, &options, why);
+    if (rc == 0 && (rc = make_store_folder(f, store, uri, at, &e, &reason)) < 0) {
+        char name[400];
+        store_name(uri, name, sizeof name);
+        apc_fail(why, rc, "--from %s: %s", name, reason.text);
+    }
     apc_store_close(store);
     experiment_free(&e);
     return rc;
 }
 
-static int drop_folder_entry(const char *path, const struct stat *what, int kind, struct FTW *at)
+void store_folder_drop(const struct store_folder *f)
 {
-    (void)what;
-    (void)kind;
-    (void)at;
-    return remove(path);
-}
-
-void whatif_store_drop(struct whatif *w)
-{
-    if (w->store[0] && w->dir[0])
-        (void)nftw(w->dir, drop_folder_entry, 16, FTW_DEPTH | FTW_PHYS);
+    if (f->made)
+        past_folder_remove(f->dir);
 }
