@@ -90,7 +90,7 @@ static int linearize_trajectory(struct apc_law_mpc *p, const double *d)
 {
     int rc = linearise_here(p, d);
 
-    if (rc < 0) {
+    if (rc < 0 && rc != APC_ETIMEDOUT) {
         *apc_mpc_age_of(p, p->x) = 0.0;
         shift_trajectory(p);
         rc = linearise_here(p, d);

@@ -372,6 +372,53 @@ static void a_search_that_takes_too_many_steps_is_late_and_goes_on(void **state)
     apc_plant_destroy(r.plant);
 }
 
+/* Its time is over after so many evaluations of the model; 0: never. */
+static long evaluations, most_evaluations;
+static apc_ns over;
+
+static int f_that_takes_time(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    if (++evaluations == most_evaluations)
+        while (apc_clock_mono(NULL) <= over)
+            ;
+    return apc_model_adiabatic_cstr.f(t, x, u, p, dx);
+}
+
+/* Wherever in a tick its time is over, also while it looks how a price bends. */
+static void without_time_the_former_plan_goes_on(void **state)
+{
+    static const double one = 1.0;
+    struct apc_model model = apc_model_adiabatic_cstr;
+    struct rig r;
+    long of_a_tick;
+    int late_ticks = 0;
+    (void)state;
+
+    prepare(&r);
+    model.f = f_that_takes_time;
+    r.view.model = &model;
+    r.setting[r.setup.n_setting++] = number("economic", &one, 1);
+    set_point(&r, -1e-3);
+    make(&r);
+    run(&r, 10);
+    evaluations = 0;
+    run(&r, 1);
+    of_a_tick = evaluations;
+    for (long tenth = 1; tenth < 10; tenth++) {
+        evaluations = 0;
+        most_evaluations = of_a_tick * tenth / 10;
+        r.c.deadline = over = apc_clock_mono(NULL) + 30 * APC_NS_PER_MS;
+        tick(&r);
+        if (r.result != APC_LAW_LATE && r.result != APC_LAW_GOOD)
+            fail_msg("after %ld tenths: %s", tenth, r.why);
+        late_ticks += r.result == APC_LAW_LATE;
+        most_evaluations = r.c.deadline = 0;
+        run(&r, 2);
+    }
+    assert_true(late_ticks >= 5);
+    apc_plant_destroy(r.plant);
+}
+
 static void limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint(void **state)
 {
     struct rig r;
@@ -595,6 +642,7 @@ int main(void)
         TEST(its_first_plan_comes_true),
         TEST(a_dead_time_of_some_periods_is_in_the_prediction),
         TEST(a_search_that_takes_too_many_steps_is_late_and_goes_on),
+        TEST(without_time_the_former_plan_goes_on),
         TEST(limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint),
         TEST(limits_of_a_measurement_that_cannot_be_kept_are_told_with_their_rank),
         TEST(a_model_that_gives_no_number_gives_no_output_and_is_told),
