@@ -11,7 +11,7 @@
 #define AROUND 60     /* ticks of the loop that differs first, a fifth of them before that */
 #define SPAN   7200.0 /* s; by which the ticks of one loop may come behind those of another, and more */
 #define FULL   65536  /* points of a loop, from which on it is thinned */
-#define BUCKET 4
+#define OLD    8192   /* stretches of the same length that remain of what lies long back */
 
 static struct replay_curve *curve_of(struct replay_curves *k, const char *loop)
 {
@@ -29,17 +29,18 @@ static struct replay_curve *curve_of(struct replay_curves *k, const char *loop)
     return &k->of[i];
 }
 
-/* Of each few points that lie long back the lowest and the highest are left, so that no spike is lost. Nothing differs
- * in them: that is what is waited for. */
+/* Of each stretch of what lies long back the lowest and the highest point are left, so that no spike of it is lost.
+ * Nothing differs in them: that is what is waited for. */
 static void thin_curve(struct replay_curve *c)
 {
-    const double until = c->at[c->n - 1].t - SPAN;
+    const double begin = c->at[0].t, until = c->at[c->n - 1].t - SPAN, length = (until - begin) / OLD;
     size_t n = 0, i = 0;
-    for (; i + BUCKET <= c->n && c->at[i + BUCKET - 1].t < until; i += BUCKET) {
+    while (i < c->n && c->at[i].t < until) {
+        const double stretch = floor((c->at[i].t - begin) / length);
         size_t low = i, high = i;
-        for (size_t b = i + 1; b < i + BUCKET; b++) {
-            low = c->at[b].recorded < c->at[low].recorded ? b : low;
-            high = c->at[b].recorded >= c->at[high].recorded ? b : high;
+        for (; i < c->n && c->at[i].t < until && floor((c->at[i].t - begin) / length) <= stretch; i++) {
+            low = isnan(c->at[low].recorded) || c->at[i].recorded < c->at[low].recorded ? i : low;
+            high = isnan(c->at[high].recorded) || c->at[i].recorded >= c->at[high].recorded ? i : high;
         }
         const struct replay_point early = c->at[low < high ? low : high],
                                   late = c->at[low < high ? high : low];
