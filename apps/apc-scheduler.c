@@ -136,11 +136,11 @@ static int open_scheduler(struct shell *s)
     int rc = module_scheduler(e, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
+    s->d->store_timeout = daemon_timeout(e->scheduler.rhythm.period);
+    rc = daemon_store(s->d, &s->store, apc_scheduler_in(s->core)->sample, e->scheduler.n);
     /* Without a start a sequence that repeats lies on the grid of 1970; one that does not, begins now. */
     if (!s->d->start && !e->scheduler.repeat)
         s->d->start = apc_clock_utc(NULL) - e->scheduler.rhythm.phase;
-    s->d->store_timeout = daemon_timeout(e->scheduler.rhythm.period);
-    rc = daemon_store(s->d, &s->store, apc_scheduler_in(s->core)->sample, e->scheduler.n);
     if (rc == 0)
         rc = catch_up(s);
     s->d->look = on_look;

@@ -96,18 +96,28 @@ static int open_log(struct daemon *d, enum apc_log_level level)
     return rc < 0 ? daemon_error(d, rc, "log: %s", apc_err_text(rc)) : 0;
 }
 
-/* From who has started this program, and waits until it has come so far. */
-static const char *ask_for_start(char text[APC_TIME_LEN])
+static int parse_start(struct daemon *d, const char *text)
 {
-    if (write(STDIN_FILENO, "\n", 1) < 0 || !fgets(text, APC_TIME_LEN, stdin))
-        return "";
-    text[strcspn(text, "\n")] = '\0';
-    return text;
+    return apc_time_parse(text, &d->start) == 0
+               ? 0
+               : daemon_error(d, APC_EINVAL, "--start \"%s\": must be a time such as 2026-01-31T12:00:00Z",
+                              text);
+}
+
+/* From who has started this program, and waits until it is ready. */
+static int ask_for_start(struct daemon *d)
+{
+    char text[APC_TIME_LEN] = "";
+    if (!d->asks)
+        return 0;
+    d->asks = false;
+    if (write(STDIN_FILENO, "\n", 1) == 1 && fgets(text, sizeof text, stdin))
+        text[strcspn(text, "\n")] = '\0';
+    return parse_start(d, text);
 }
 
 static int load_daemon(struct daemon *d)
 {
-    char told[APC_TIME_LEN];
     struct apc_error why;
     const char *file = daemon_or_environment(d->options.config, "APC_CONFIG");
     if (!file) {
@@ -117,13 +127,9 @@ static int load_daemon(struct daemon *d)
     int rc = experiment_load(&d->experiment, file, d->program->parts, &d->options.overrides, &why);
     if (rc < 0)
         return daemon_error(d, rc, "%s", why.text);
-    const char *start = d->options.start;
-    if (start && !strcmp(start, "-"))
-        start = ask_for_start(told);
-    if (start && apc_time_parse(start, &d->start) < 0) {
-        daemon_error(d, 0, "--start \"%s\": must be a time such as 2026-01-31T12:00:00Z", start);
+    d->asks = d->options.start && !strcmp(d->options.start, "-");
+    if (d->options.start && !d->asks && parse_start(d, d->options.start) < 0)
         exit(EXIT_USAGE);
-    }
     double after = -1;
     if (d->options.after &&
         (apc_number_parse(d->options.after, &after) < 0 || !(after >= -1 && after < 0x1p53))) {
@@ -293,7 +299,7 @@ int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *
             d->log, APC_LOG_INFO,
             "the store's tables are of version %d, newer than this program's (%d), which works with them",
             apc_store_tables_version(*store), apc_store_version());
-    return 0;
+    return ask_for_start(d);
 }
 
 /* ---- Events ------------------------------------------------------------------------------- */
@@ -544,6 +550,9 @@ static void say_locked(const struct daemon *d)
 
 int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *ctx)
 {
+    int rc = ask_for_start(d);
+    if (rc < 0)
+        return rc;
     const struct apc_task_options options = {.size = sizeof options,
                                              .name = d->task_name,
                                              .priority = d->program->ordinary ? -1 : 0,
@@ -557,7 +566,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
 
     d->tick = tick;
     d->tick_ctx = ctx;
-    int rc = apc_task_create(d->executive, &options, run_tick, d, &task, &why);
+    rc = apc_task_create(d->executive, &options, run_tick, d, &task, &why);
     if (rc == 0)
         rc = apc_task_start(task, &why);
     if (rc < 0) {

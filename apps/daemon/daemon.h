@@ -64,6 +64,7 @@ struct daemon {
     struct recorder *recorder;
     struct process_watchdog *process_watchdog;
     apc_ns start; /* UTC of t = 0, as given by --start; 0: not given */
+    bool asks;    /* it is not known yet: daemon_store() asks for it, or else daemon_run() */
     bool has_store;
     apc_ns store_timeout; /* of the task's store; see daemon_timeout() */
     apc_ns store_pause;   /* longest before it is tried again; 0: the library's default */

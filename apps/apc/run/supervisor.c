@@ -26,9 +26,7 @@
 #define READY    (90 * APC_NS_PER_S) /* to the first tick: a law in Python may import for 60 s */
 #define MARGIN   (APC_NS_PER_S / 2)  /* between two signs of life, and two looks for them */
 #define MESSAGES 256                 /* read at one look: a flood must not keep us */
-#define LEAST    (APC_NS_PER_S / 5)  /* from when all have loaded to t = 0 */
-#define MARGINS  5                   /* times as long as that took, on a machine that is busy */
-#define MARGINS  5                   /* times as long as loading took they may take for the rest */
+#define LEAST    (APC_NS_PER_S / 5)  /* from when all are ready to t = 0 */
 #define GRID     (APC_NS_PER_S / 10) /* t = 0 is a multiple of it, on the wall clock */
 
 static int find_folder(struct supervisor *s, struct apc_error *why)
@@ -275,7 +273,7 @@ static int spawn_asking(const struct supervisor *s, struct child *child, struct 
     return rc;
 }
 
-/* When all have loaded what they run, or after SUPERVISOR_LEAD; a busy machine takes longer for the rest, too. */
+/* When all have what they run and their stores, or after SUPERVISOR_LEAD. */
 static void choose_start(struct supervisor *s)
 {
     const apc_ns begin = apc_clock_mono(NULL);
@@ -285,10 +283,7 @@ static void choose_start(struct supervisor *s)
         if (p.fd > 0)
             poll(&p, 1, left > 0 ? (int)(left / APC_NS_PER_MS) : 0);
     }
-    const apc_ns rest = MARGINS * (apc_clock_mono(NULL) - begin), lead = rest < LEAST ? LEAST
-                                                                         : rest < SUPERVISOR_LEAD
-                                                                             ? rest
-                                                                             : SUPERVISOR_LEAD;
+    const apc_ns took = apc_clock_mono(NULL) - begin, lead = took < LEAST ? LEAST : took;
     s->chosen = (apc_clock_utc(NULL) + lead + GRID - 1) / GRID * GRID;
     s->start = s->chosen - apc_clock_offset(NULL, NULL);
 }

@@ -51,7 +51,7 @@ struct supervisor {
 };
 
 /* Find the programs beside this one, start all; SIGUSR1 to those that run already, which begin anew. t = 0 is chosen when
- * the daemons have loaded the experiment: soon on a machine at rest, later on a busy one. On failure all have been stopped. */
+ * the daemons are ready for it: soon on a machine at rest, later on a busy one. On failure all have been stopped. */
 int supervisor_start(struct supervisor *s, struct apc_error *why);
 /* Wait until @p timeout, or a signal, listening to the children meanwhile: their socket holds a few messages
  * only (ten, unless net.unix.max_dgram_qlen says more), and many children say more than that between two

@@ -25,11 +25,12 @@ for program in "${daemons[@]}"; do
   expect 2 'no experiment file: give --config' "$APC_BIN/$program"
   expect 1 'nowhere\.conf: there is no such file or folder' "$APC_BIN/$program" --config "$work/nowhere.conf"
   expect 2 'start.*2026-01-31T12:00:00Z' "$APC_BIN/$program" --config "$good" --start yesterday
-  expect 2 'start "": must be a time such as 2026-01-31' "$APC_BIN/$program" --config "$good" --start - # of nobody who answers
   expect 1 'timer.*sundial.*deadline' "$APC_BIN/$program" --config "$good" --timer sundial
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
   expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop
 done
+# of nobody who answers
+expect 1 'start "": must be a time such as 2026-01-31' "$APC_BIN/apc-plant" --config "$good" --start -
 expect 2 'law: only one law at a time' "$APC_BIN/apc-controller" --config "$good" --law pi --law pid
 for command in run simulate replay; do
   expect 2 'law: only one law at a time' "$apc" "$command" "$good" --law pi --law pid

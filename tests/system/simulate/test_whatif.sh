@@ -128,7 +128,7 @@ fi
 # ---- A store at a time: the same as the run folder that was made of it
 
 began=$(sed -n 's/^start = "\([^"]*\)".*/\1/p' real/record.conf)
-at() { date -u -d "@$(($(date -d "$began" +%s) + $1))" +%FT%TZ; }
+at() { date -u -d "$began + $1 seconds" +%FT%T.%6NZ; }
 mkdir scratch
 TMPDIR=$work/scratch "$apc" simulate fast.conf -d 6 --from "$APC_STORE@$(at 3)" --set controller.Kp=0.01 >store.txt
 # Promise(analysis/store-future-folder): What if, from a store: the same future as from the folder of that run;
