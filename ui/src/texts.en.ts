@@ -830,7 +830,7 @@ export const en = {
   "workbench.acts": "{name} acts. In shadow: {others}.",
   "workbench.backOut": "Back out: {name} acts again",
   "workbench.candidate": "Controller in shadow",
-  "workbench.wouldHave": "What would {name} have done?",
+  "workbench.wouldHave": "Try {name} on the record",
   "workbench.computing": "computing …",
   "workbench.checks": "Before the promotion",
   "workbench.check.ticks": "{name} ticks",

@@ -81,7 +81,7 @@ test("a controller in shadow is compared, promoted, watched, backed out of, and 
   await acting("base");
   assert.equal(await promote.isDisabled(), true, "nobody has looked at it");
   await press(page, "last 10 min");
-  await press(page, "What would trial have done?");
+  await press(page, "Try trial on the record");
   await until("it is told", () => page.locator("[data-would=iae]").first().isVisible());
   assert.ok((await page.locator("[data-would=iae]").allTextContents()).every(text => Number(text) > 0 && Number(text) < 150), "with noise alone it is at rest");
   assert.equal(await promote.isDisabled(), true, "nobody was told");
