@@ -456,6 +456,15 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   assert.equal(one<HTMLInputElement>(".pen-groups input").value, "day", "what was typed is lost");
   await click(button("Delete day, all"));
   assert.deepEqual(env.take("/api/trends").body?.signals, []);
+  // of two with the same signals each can be chosen, and deleted
+  await choose(".pen-groups select[name=for]", "browser");
+  await submit(".pen-groups");
+  await env.pass(0.5);
+  assert.match(groups(), /Delete day save as/);
+  await choose(".pen-groups select", "1");
+  assert.match(groups(), /Delete day, all save as/);
+  await choose(".pen-groups select", "0");
+  await click(button("Delete day"));
   env.routes.delete("/api/trends");
   env.routes.set("/api/history", route);
   env.routes.set("/api/events", happened);

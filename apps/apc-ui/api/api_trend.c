@@ -37,30 +37,40 @@ static bool fault_trends(const struct ui *ui, struct request *r, const char *wha
                      strerror(errno));
 }
 
-/* -1: the fault is set, or there is none to read. */
-static int trends_open(const struct ui *ui, struct request *r, bool writes)
+/* NULL: the fault is set, or there is none to read. */
+static FILE *trends_open(const struct ui *ui, struct request *r, bool writes)
 {
     char path[sizeof ui->displays + 16];
     snprintf(path, sizeof path, "%s/" TRENDS_FILE, ui->displays);
-    if (writes && mkdir(ui->displays, 0777) < 0 && errno != EEXIST)
-        return fault_trends(ui, r, "nothing was written"), -1;
-    const int fd = open(
-        path, writes ? O_RDWR | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW : O_RDONLY | O_CLOEXEC, 0644);
-    if (fd < 0 && (writes || errno != ENOENT))
-        fault_trends(ui, r, writes ? "nothing was written" : "the trends cannot be read");
-    if (fd >= 0 && writes && flock(fd, LOCK_EX) < 0) {
+    if (writes && mkdir(ui->displays, 0777) < 0 && errno != EEXIST) {
         fault_trends(ui, r, "nothing was written");
-        close(fd);
-        return -1;
+        return NULL;
     }
-    return fd;
+    const int fd = open(path,
+                        O_CLOEXEC | O_NONBLOCK | /* of a pipe nobody waits for the other end */
+                            (writes ? O_RDWR | O_APPEND | O_CREAT | O_NOFOLLOW : O_RDONLY),
+                        0644);
+    FILE *file = fd >= 0 && (!writes || flock(fd, LOCK_EX) == 0) ? fdopen(fd, writes ? "a+" : "r") : NULL;
+    if (!file && (writes || errno != ENOENT))
+        fault_trends(ui, r, writes ? "nothing was written" : "the trends cannot be read");
+    if (!file && fd >= 0)
+        close(fd);
+    return file;
+}
+
+static bool is_shared(const char *with)
+{
+    bool known = false;
+    for (size_t i = 0; i < sizeof shared / sizeof *shared; i++)
+        known = known || strcmp(with, shared[i]) == 0;
+    return known;
 }
 
 static bool is_trend(const json_t *line)
 {
     const json_t *signals = json_object_get(line, "signals");
     const char *with = json_string_value(json_object_get(line, "for"));
-    bool known = json_is_string(json_object_get(line, "name")) && with &&
+    bool known = json_is_string(json_object_get(line, "name")) && with && is_shared(with) &&
                  json_is_string(json_object_get(line, "whose")) &&
                  json_is_string(json_object_get(line, "author")) &&
                  json_is_number(json_object_get(line, "time")) && json_is_array(signals) &&
@@ -70,42 +80,50 @@ static bool is_trend(const json_t *line)
     return known;
 }
 
-static bool is_of(const json_t *line, const char *name, const char *with, const char *of)
+/* "FOR NAME", by which a session knows a trend. NULL: no memory. */
+static char *trend_key(const char *with, const char *name)
 {
-    return strcmp(json_string_value(json_object_get(line, "name")), name) == 0 &&
-           strcmp(json_string_value(json_object_get(line, "for")), with) == 0 &&
-           strcmp(json_string_value(json_object_get(line, "whose")), of) == 0;
+    char *key;
+    return asprintf(&key, "%s %s", with, name) < 0 ? NULL : key;
 }
 
-/* The newest of each name that this session sees, by name; what is no line of ours, as one half written, is none. NULL: no memory. */
-static json_t *trends_read(const struct request *r, int fd)
+/* Takes its place, as the newest. False: no memory. */
+static bool trend_put(json_t *all, json_t *line)
 {
-    json_t *all = json_array();
+    char *key = trend_key(json_string_value(json_object_get(line, "for")),
+                          json_string_value(json_object_get(line, "name")));
+    if (key)
+        json_object_del(all, key);
+    const bool ok = key && (json_array_size(json_object_get(line, "signals")) == 0 ||
+                            json_object_set(all, key, line) == 0);
+    free(key);
+    return ok;
+}
+
+/* The newest of each name that this session sees, by trend_key(); what is no line of ours, as one half written, is none.
+ * NULL: the fault is set. */
+static json_t *trends_read(const struct ui *ui, struct request *r, FILE *in)
+{
+    json_t *all = json_object();
     char *line = NULL;
     size_t room = 0;
-    const int own = fd < 0 ? -1 : dup(fd);
-    FILE *in = own < 0 ? NULL : fdopen(own, "re");
-    if (in)
-        rewind(in);
-    while (all && in && getline(&line, &room, in) > 0) {
+    bool ok = all != NULL;
+    while (ok && in && getline(&line, &room, in) > 0) {
         json_t *one = json_loads(line, 0, NULL);
-        bool sees = one && is_trend(one);
-        const char *with = sees ? json_string_value(json_object_get(one, "for")) : "";
-        sees = sees && strcmp(json_string_value(json_object_get(one, "whose")), whose(r, with)) == 0;
-        for (size_t i = 0; sees && i < json_array_size(all); i++)
-            if (is_of(json_array_get(all, i), json_string_value(json_object_get(one, "name")), with,
-                      whose(r, with)))
-                json_array_remove(all, i--);
-        if (sees && json_array_size(json_object_get(one, "signals")) > 0)
-            json_array_append(all, one);
+        if (is_trend(one) && strcmp(json_string_value(json_object_get(one, "whose")),
+                                    whose(r, json_string_value(json_object_get(one, "for")))) == 0)
+            ok = trend_put(all, one);
         json_decref(one);
     }
     free(line);
-    if (in)
-        fclose(in);
-    else if (own >= 0)
-        close(own);
-    return all;
+    if (!ok)
+        fault_set(&r->fault, 503, "busy", NULL, "out of memory");
+    else if (in && ferror(in))
+        ok = fault_trends(ui, r, "the trends cannot be read");
+    if (ok)
+        return all;
+    json_decref(all);
+    return NULL;
 }
 
 static void trend_json(const json_t *one, struct text *t)
@@ -122,16 +140,14 @@ static void trend_json(const json_t *one, struct text *t)
 void get_trends(struct ui *ui, struct request *r, struct apc_store *store)
 {
     (void)store;
-    const int fd = ui->displays[0] ? trends_open(ui, r, false) : -1;
-    json_t *all = r->fault.http ? NULL : trends_read(r, fd);
-    if (fd >= 0)
-        close(fd);
-    if (!all && !r->fault.http)
-        fault_set(&r->fault, 503, "busy", NULL, "out of memory");
+    FILE *in = ui->displays[0] ? trends_open(ui, r, false) : NULL;
+    json_t *all = r->fault.http ? NULL : trends_read(ui, r, in), *one;
+    const char *key;
+    if (in)
+        fclose(in);
     if (all) {
         json_add(&r->reply, "{writable:%i, trends:[", ui->displays[0] != '\0');
-        for (size_t i = 0; i < json_array_size(all); i++)
-            trend_json(json_array_get(all, i), &r->reply);
+        json_object_foreach(all, key, one) trend_json(one, &r->reply);
         json_add(&r->reply, "]}");
     }
     json_decref(all);
@@ -159,13 +175,10 @@ static bool read_signals(struct request *r, json_t *signals)
 
 static bool read_trend_order(struct request *r, const json_t *body, struct trend_order *o)
 {
-    bool known = false;
     if (!member_text(body, "name", &o->name, &r->fault) || !member_text(body, "for", &o->with, &r->fault) ||
         !member_number(body, "seen", &o->seen, &r->fault))
         return false;
-    for (size_t i = 0; i < sizeof shared / sizeof *shared; i++)
-        known = known || strcmp(o->with, shared[i]) == 0;
-    if (!known)
+    if (!is_shared(o->with))
         return fault_set(&r->fault, 400, "json", "for", "\"for\" must be \"user\", \"role\" or \"plant\"");
     if (!*o->name || strlen(o->name) > TREND_NAME_MAX)
         return fault_set(&r->fault, 422, "value", "name", "\"name\" must have 1 to %d bytes", TREND_NAME_MAX);
@@ -199,12 +212,10 @@ static bool append_trend(const struct ui *ui, struct request *r, int fd, const j
 
 static void save_trend(struct ui *ui, struct request *r, const struct trend_order *o)
 {
-    const int fd = trends_open(ui, r, true);
-    json_t *all = fd < 0 ? NULL : trends_read(r, fd);
-    const json_t *there = NULL;
-    for (size_t i = 0; i < json_array_size(all); i++)
-        if (is_of(json_array_get(all, i), o->name, o->with, whose(r, o->with)))
-            there = json_array_get(all, i);
+    FILE *file = trends_open(ui, r, true);
+    json_t *all = file ? trends_read(ui, r, file) : NULL;
+    char *key = trend_key(o->with, o->name);
+    const json_t *there = key ? json_object_get(all, key) : NULL;
     const double time = there ? json_number_value(json_object_get(there, "time")) : 0,
                  now = (double)(apc_clock_utc(NULL) / APC_NS_PER_MS) / 1e3;
     json_t *line = json_pack("{s:s, s:s, s:s, s:O, s:s, s:f}", "name", o->name, "for", o->with, "whose",
@@ -216,14 +227,15 @@ static void save_trend(struct ui *ui, struct request *r, const struct trend_orde
                   json_string_value(json_object_get(there, "author")), o->name);
     else if (all && !there && json_array_size(o->signals) == 0)
         fault_set(&r->fault, 404, "trend", "name", "there is no trend \"%s\"", o->name);
-    else if (fd >= 0 && (!all || !line))
+    else if (!key || !line)
         fault_set(&r->fault, 503, "busy", NULL, "out of memory");
-    else if (fd >= 0 && append_trend(ui, r, fd, line))
+    else if (all && append_trend(ui, r, fileno(file), line))
         trend_json(line, &r->reply);
+    free(key);
     json_decref(line);
     json_decref(all);
-    if (fd >= 0)
-        close(fd);
+    if (file)
+        fclose(file);
 }
 
 void post_trend(struct ui *ui, struct request *r, struct apc_store *store)

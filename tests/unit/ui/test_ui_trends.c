@@ -129,7 +129,11 @@ static void a_line_that_was_cut_costs_no_other(void **state)
     trends_file(path);
     FILE *out = fopen(path, "ae");
     assert_non_null(out);
-    fputs("garbage\n{\"name\":\"b\",\"for\":7}\n[]\n{\"name\":\"c\",\"fo", out);
+    fputs("garbage\n{\"name\":\"b\",\"for\":7}\n[]\n"
+          "{\"name\":\"e\",\"for\":\"team\",\"whose\":\"\",\"signals\":[\"y1\"],\"author\":\"ben\",\"time\":"
+          "1}\n"
+          "{\"name\":\"c\",\"fo",
+          out);
     fclose(out);
     assert_int_equal(save_trend_as("anna", ROLE_OPERATOR,
                                    "{\"name\":\"d\",\"for\":\"plant\",\"signals\":[\"y1\"],\"seen\":0}"),
@@ -161,6 +165,53 @@ static void a_full_disk_leaves_what_was_there(void **state)
     assert_string_equal(sees("ben", ROLE_OPERATOR), "a plant anna");
 }
 
+static void a_file_that_cannot_be_read_says_so(void **state)
+{
+    const char *body = "{\"name\":\"a\",\"for\":\"plant\",\"signals\":[\"y1\"],\"seen\":0}";
+    char path[600];
+    (void)state;
+    assert_int_equal(save_trend_as("anna", ROLE_OPERATOR, body), 200);
+    trends_file(path);
+    for (int pipe = 0; pipe < 2; pipe++) {
+        (void)unlink(path);
+        assert_int_equal(pipe ? mkfifo(path, 0600) : mkdir(path, 0700), 0);
+        is_now("anna", ROLE_OPERATOR);
+        json_decref(ask(get_trends));
+        assert_int_equal(request.fault.http, pipe ? 0 : 503);
+        assert_int_equal(save_trend_as("anna", ROLE_OPERATOR, body), 503);
+        if (!pipe)
+            (void)rmdir(path);
+    }
+    (void)unlink(path);
+}
+
+/* One name a line, as many as there is room for: each is found at once. */
+static void a_file_that_is_full_is_read_and_takes_no_more(void **state)
+{
+    char path[600];
+    (void)state;
+    (void)mkdir(ui->displays, 0777);
+    trends_file(path);
+    FILE *out = fopen(path, "we");
+    assert_non_null(out);
+    size_t n = 0;
+    while (ftell(out) < (4 << 20) - 100)
+        fprintf(out,
+                "{\"name\":\"%zu\",\"for\":\"plant\",\"whose\":\"\",\"signals\":[\"y1\"],\"author\":\"\","
+                "\"time\":1}\n",
+                ++n);
+    fclose(out);
+    is_now("anna", ROLE_OPERATOR);
+    json_t *answer = ask(get_trends);
+    assert_int_equal(json_array_size(json_object_get(answer, "trends")), n);
+    json_decref(answer);
+    assert_int_equal(save_trend_as("anna", ROLE_OPERATOR,
+                                   "{\"name\":\"of a name that is no "
+                                   "number\",\"for\":\"plant\",\"signals\":[\"y1\",\"y2\"],\"seen\":0}"),
+                     409);
+    assert_non_null(strstr(request.fault.message, "has 4 MiB: move it away, nothing was written"));
+}
+
 static void what_is_no_trend_is_refused(void **state)
 {
     (void)state;
@@ -190,7 +241,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(who_saves_says_who_sees_it),         T(what_somebody_has_saved_meanwhile_is_not_lost),
         T(a_line_that_was_cut_costs_no_other), T(a_full_disk_leaves_what_was_there),
-        T(what_is_no_trend_is_refused),
+        T(what_is_no_trend_is_refused),        T(a_file_that_is_full_is_read_and_takes_no_more),
+        T(a_file_that_cannot_be_read_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

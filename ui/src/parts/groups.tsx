@@ -17,6 +17,7 @@ import {tr} from "../core/texts";
 const KEPT = "apc-groups";
 const FOR = ["browser", "user", "role", "plant"] as const;
 type For = (typeof FOR)[number];
+const keyOf = (one: {for: For; name: string}): string => `${one.for} ${one.name}`;
 
 export function PenGroups({plant: p, signals, window: win}: {plant: Plant; signals: Variable[]; window: Window}): JSX.Element {
   const [groups, setGroups] = useState(() => groupsOf(stored(KEPT), p.name));
@@ -24,12 +25,14 @@ export function PenGroups({plant: p, signals, window: win}: {plant: Plant; signa
   const [why, setWhy] = useState<string | null>(null);
   const names = signals.map(one => nameOf(one, p.variables));
   const [asked, setAsked] = useState(0);
+  const [picked, setPicked] = useState(""); // of several with the same signals
   const [whom, setWhom] = useState<For>("browser");
   const barred = useWriteBar();
   const {answer, error} = useAnswer(() => get<{writable: boolean; trends: SavedTrend[]}>("/api/trends"), [p.name, asked]);
   const saved = answer?.trends ?? [];
   const all = [...groups.map(one => ({name: one.name, pens: one.pens, for: "browser" as For, trend: null})), ...saved.map(one => ({name: one.name, pens: one.signals, for: one.for as For, trend: one}))];
-  const chosen = all.find(one => one.pens.join() === names.join());
+  const same = all.filter(one => one.pens.join() === names.join());
+  const chosen = same.find(one => keyOf(one) === picked) ?? same[0];
   const wording = (one: (typeof all)[number]): string => (one.trend ? tr("parts.groupOf", {name: one.name, for: tr(`parts.for.${one.for}`)}) : one.name);
   const keep = (next: Group[]): void => {
     setGroups(next);
@@ -69,11 +72,12 @@ export function PenGroups({plant: p, signals, window: win}: {plant: Plant; signa
           disabled={all.length === 0}
           onChange={event => {
             const group = event.currentTarget.value === "" ? null : all[Number(event.currentTarget.value)];
+            setPicked(group ? keyOf(group) : "");
             if (group) go("trend", pensAbout(group.pens, win));
           }}
         >
           <option value="">{all.length === 0 ? tr("parts.noneSaved") : "–"}</option>
-          {all.map((one, i) => <option key={`${one.for} ${one.name}`} value={i}>{wording(one)}</option>)}
+          {all.map((one, i) => <option key={keyOf(one)} value={i}>{wording(one)}</option>)}
         </select>
       </label>
       {chosen?.trend && <small>{chosen.trend.author}, {stamp(chosen.trend.time)}</small>}
