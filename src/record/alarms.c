@@ -69,6 +69,15 @@ static int read_newest(struct apc_sample *newest, size_t n, struct apc_store *st
     return rc;
 }
 
+/* Numbers are missing, those of alarms that are gone: older ones stand among the last, then. */
+static bool lacks_numbers(const struct alarm_journal *journal, const struct apc_range *range, int64_t most)
+{
+    size_t found = 0;
+    for (size_t i = 0; range && i < journal->n; i++)
+        found += journal->at[i].number > most - (int64_t)range->last;
+    return range && found < range->last;
+}
+
 int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
                        const struct apc_range *range)
 {
@@ -79,8 +88,7 @@ int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, s
     if (!newest)
         return APC_ENOMEM;
     int rc = read_newest(newest, n, store, &most);
-    /* a second time of all, where numbers are missing: those of alarms that are gone */
-    for (int again = 0; again == 0 || (again == 1 && range && journal->n < range->last); again++)
+    for (int again = 0; again == 0 || (again == 1 && lacks_numbers(journal, range, most)); again++)
         for (size_t i = 0; i < n && rc >= 0 && !l.failed; i++)
             if (may_have_moved(&newest[i], range, again ? 0 : most)) {
                 rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take_alarm_row, &l);
@@ -124,12 +132,17 @@ static size_t transition_at(const struct alarm_journal *j, apc_ns time)
  * ": REASON" behind it; NULL: out of memory. */
 static char *reason_of_words(const char *words)
 {
-    const char *from = strstr(words, " (from "), *begin = from ? strstr(from, "): ") : strstr(words, " (");
+    static const char from[] = " (from ";
+    const char *begin = strstr(words, " ("), *end;
     const size_t n = strlen(words);
-    if (from)
-        return strdup(begin ? begin + 3 : "");
-    return begin && words[n - 1] == ')' ? strndup(begin + 2, (size_t)(words + n - 1 - begin - 2))
-                                        : strdup("");
+    if (!begin)
+        return strdup("");
+    if (strncmp(begin, from, sizeof from - 1) == 0) {
+        end = begin + sizeof from - 1 + strcspn(begin + sizeof from - 1, " )"); /* an address has no blank */
+        if (strcmp(end, ")") == 0 || strncmp(end, "): ", 3) == 0)
+            return strdup(end[1] ? end + 3 : "");
+    }
+    return words[n - 1] == ')' ? strndup(begin + 2, (size_t)(words + n - 1 - begin - 2)) : strdup("");
 }
 
 /* What it led to is the alarm's next transition by a person. */

@@ -115,6 +115,34 @@ static void a_journal_of_a_window_is_that_part_of_the_whole(void **state)
     end(&r);
 }
 
+/* Of which the numbers are missing: an older one is among the last then, whichever alarm it is of. */
+static void of_alarms_that_are_gone_the_last_are_those_before(void **state)
+{
+    struct alarm_journal journal;
+    struct apc_error why;
+    struct apc_store *store = NULL;
+    const struct apc_range range = {.last = 10};
+    struct apc_sample row[11];
+    (void)state;
+    for (int i = 0; i < 11; i++)
+        row[i] = (struct apc_sample){.table = APC_ALARM,
+                                     .id = i < 10 ? 1 : 2,
+                                     .seq = i < 10 ? i + 1 : 1,
+                                     .time = (i + 1) * S,
+                                     .value = APC_ALARM_UNACKED,
+                                     .origin = i < 9    ? i + 1
+                                               : i == 9 ? 100
+                                                        : 85};
+    if (apc_store_open(&store, "mem:", NULL, &why) < 0 || apc_store_init(store) < 0 ||
+        apc_store_append(store, row, 11) != 11)
+        fail_msg("%s", store ? apc_store_error(store) : why.text);
+    assert_int_equal(alarm_journal_load(&journal, store, 2, &range), 0);
+    assert_int_equal(journal.n, 10);
+    assert_int_equal(journal.at[8].number, 85);
+    alarm_journal_free(&journal);
+    apc_store_close(store);
+}
+
 /* ---- Ticks that are missed ----------------------------------------------------------------- */
 
 /* Raised how often, where each tick of the controller takes that long. */
@@ -297,6 +325,7 @@ int main(void)
         cmocka_unit_test(a_scenario_raises_its_alarms_in_order_and_the_same_each_time),
         cmocka_unit_test(without_a_failure_there_is_no_alarm),
         cmocka_unit_test(a_journal_of_a_window_is_that_part_of_the_whole),
+        cmocka_unit_test(of_alarms_that_are_gone_the_last_are_those_before),
         cmocka_unit_test(ticks_that_take_longer_than_the_period_raise_an_overrun),
         cmocka_unit_test(what_was_of_another_alarm_is_nothing_of_the_one_that_has_its_number_now),
         cmocka_unit_test(floods_chattering_and_standing_alarms_are_counted),

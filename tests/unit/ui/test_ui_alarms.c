@@ -365,6 +365,28 @@ static void a_reason_is_on_record(void **state)
     alarm_journal_free(&journal);
 }
 
+/* As `apc alarm` records it, in brackets, whatever is in it. */
+static void a_reason_may_look_like_an_address(void **state)
+{
+    const struct apc_event told = {.time = apc_clock_utc(NULL),
+                                   .severity = APC_EVENT_INFO,
+                                   .kind = "operator",
+                                   .source = "local",
+                                   .text = "y.high: acknowledged (as told (from Max): now)"};
+    struct alarm_journal journal;
+    (void)state;
+    measured(20);
+    assert_int_equal(apc_store_append_events(store, &told, 1), 1);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1}"), 200);
+    evaluate();
+    assert_non_null(strstr(ask_text(get_alarm_journal), "Acknowledged Active"));
+    assert_int_equal(alarm_journal_load(&journal, store, 2, NULL), 0);
+    assert_int_equal(alarm_journal_reasons(&journal, store, &ui->desk[DESK_PAST].board.e), 0);
+    assert_int_equal(journal.n, 2);
+    assert_string_equal(journal.at[1].reason, "as told (from Max): now");
+    alarm_journal_free(&journal);
+}
+
 /* Promise(alarms/acknowledge-once-told) */
 static void of_two_who_acknowledge_one_does_and_the_other_is_told(void **state)
 {
@@ -672,6 +694,7 @@ int main(void)
         T(metrics_count_them_while_they_are_evaluated),
         T(what_is_acknowledged_is_confirmed_and_on_record),
         T(a_reason_is_on_record),
+        T(a_reason_may_look_like_an_address),
         T(of_two_who_acknowledge_one_does_and_the_other_is_told),
         T(who_acknowledges_acknowledges_what_he_saw),
         T(shelving_has_an_end_and_is_of_what_was_seen),
