@@ -111,8 +111,14 @@ static int ask_for_start(struct daemon *d)
     if (!d->asks)
         return 0;
     d->asks = false;
-    if (write(STDIN_FILENO, "\n", 1) == 1 && fgets(text, sizeof text, stdin))
-        text[strcspn(text, "\n")] = '\0';
+    /* Who would not wait for the question has answered and is gone; a pipe or a file has the answer, too. */
+    const ssize_t asked = write(STDIN_FILENO, "\n", 1);
+    (void)asked;
+    if (!fgets(text, sizeof text, stdin))
+        return daemon_error(d, APC_EINVAL,
+                            "--start -: no time came on standard input: expected one such as "
+                            "2026-01-31T12:00:00Z");
+    text[strcspn(text, "\n")] = '\0';
     return parse_start(d, text);
 }
 

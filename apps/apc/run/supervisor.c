@@ -288,13 +288,11 @@ static void choose_start(struct supervisor *s)
     s->start = s->chosen - apc_clock_offset(NULL, NULL);
 }
 
-static void answer_start(const struct supervisor *s, struct child *child)
+static void answer_start(const struct supervisor *s, const struct child *child)
 {
     char text[APC_TIME_LEN + 1];
     strcat(apc_time_format(s->chosen, text), "\n");
     (void)send(child->asks, text, strlen(text), MSG_NOSIGNAL); /* whoever has ended is found to have, later */
-    close(child->asks);
-    child->asks = 0;
 }
 
 int supervisor_start(struct supervisor *s, struct apc_error *why)
@@ -312,8 +310,11 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
     if (rc == 0 && !s->simulated)
         choose_start(s);
     for (size_t i = 0; i < s->n; i++) {
-        if (s->child[i].asks > 0)
+        if (s->child[i].asks > 0 && rc == 0)
             answer_start(s, &s->child[i]);
+        if (s->child[i].asks > 0)
+            close(s->child[i].asks);
+        s->child[i].asks = 0;
         if (rc == 0 && s->child[i].pid == 0)
             rc = spawn_child(s, &s->child[i], -1, why);
     }

@@ -29,8 +29,15 @@ for program in "${daemons[@]}"; do
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
   expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop
 done
-# of nobody who answers
-expect 1 'start "": must be a time such as 2026-01-31' "$APC_BIN/apc-plant" --config "$good" --start -
+# of nobody who answers; of who has answered before he was asked, and of a pipe, which nobody can ask
+expect 1 'start -: no time came on standard input: expected one such as 2026-01-31' "$APC_BIN/apc-plant" --config "$good" --start -
+expect 1 'start "yesterday": must be a time such as 2026-01-31' python3 -c 'import socket, subprocess, sys
+a, b = socket.socketpair()
+a.send(b"yesterday\n")
+a.close()
+sys.exit(subprocess.run(sys.argv[1:], stdin=b).returncode)' "$APC_BIN/apc-plant" --config "$good" --start -
+# shellcheck disable=SC2016
+expect 1 'start "yesterday": must be a time such as 2026-01-31' bash -c 'echo yesterday | "$0" --config "$1" --start -' "$APC_BIN/apc-plant" "$good"
 expect 2 'law: only one law at a time' "$APC_BIN/apc-controller" --config "$good" --law pi --law pid
 for command in run simulate replay; do
   expect 2 'law: only one law at a time' "$apc" "$command" "$good" --law pi --law pid
