@@ -379,8 +379,8 @@ static void record_alarm_write(struct ui *ui, const struct request *r, const str
 {
     struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
     snprintf(event.source, sizeof event.source, "%s", o->write.user);
-    words_of_order(r, o, outcome, event.text, sizeof event.text);
-    audit(ui, store, &event);
+    if (words_of_order(r, o, outcome, event.text, sizeof event.text) > 0)
+        audit(ui, store, &event);
 }
 
 static void end_alarm_write(struct ui *ui, struct request *r, struct order *o, enum write_state state,

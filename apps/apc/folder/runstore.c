@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "runstore.h"
 
+#include <errno.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,7 +19,7 @@ bool runstore_gone(const char *uri)
         return false;
     uri += strlen("shm:");
     snprintf(path, sizeof path, "/dev/shm/apc.%.*s", (int)strcspn(uri, "?+"), uri);
-    return access(path, F_OK) != 0;
+    return access(path, F_OK) != 0 && errno == ENOENT;
 }
 
 int runstore_find(struct runstore *r, const char *dir, struct apc_error *why)
@@ -49,7 +50,7 @@ static bool is_file_gone(const char *uri)
         return false;
     uri += strlen("sqlite:");
     snprintf(path, sizeof path, "%.*s", (int)strcspn(uri, "?"), uri);
-    return access(path, F_OK) != 0;
+    return access(path, F_OK) != 0 && errno == ENOENT;
 }
 
 /* Why a folder names no store that can be opened. */
