@@ -466,15 +466,18 @@ static void mpc_track(struct apc_law_call *c)
 static int mpc_ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *to,
                      struct apc_error *why)
 {
-    size_t number = output + 1;
+    const size_t setpoint = output < setup->dim.nz ? output : 0;
+    size_t number = setpoint + 1, economic = 0;
 
-    if (output >= setup->dim.nz)
+    if (setup->dim.nz == 0)
         return 0;
-    to->nz = 1;
-    to->z[0] = (int)output;
-    if (apc_setting_index(setup, "measurement", setup->dim.nz, output, 1, setup->dim.ny, &number, why) < 0)
+    if (apc_setting_index(setup, "measurement", setup->dim.nz, setpoint, 1, setup->dim.ny, &number, why) <
+            0 ||
+        apc_setting_index(setup, "economic", setup->dim.ny, number - 1, 0, 1, &economic, why) < 0)
         return APC_EINVAL;
-    to->ny = 1;
+    to->nz = 1;
+    to->z[0] = (int)setpoint;
+    to->ny = !economic; /* what is not brought to its price */
     to->y[0] = (int)number - 1;
     return 0;
 }

@@ -42,7 +42,11 @@ for file in "$experiments"/*.conf; do
   "$apc" simulate "$file" --csv "$work/$name.csv" >"$work/$name.log"
   grep -q "gave no usable output\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
   [[ $name = two-layers* ]] && continue # its setpoints always move: unit/test_run_layers.c
-  [[ $name = *-economic ]] && continue # its setpoints are prices: unit/test_run_nmpc.c
+  if [[ $name = *-economic ]]; then # what has a price is not judged by it: unit/test_run_nmpc.c
+    grep -q '^T  *all ' "$work/$name.log" || fail "$name: T is not judged"
+    ! grep -q '^cB ' "$work/$name.log" || fail "$name: cB is judged by its price"
+    continue
+  fi
   case $name in # a law that looks ahead leaves a setpoint before that changes: how well it settles is seen without
     *mpc) "$apc" simulate "$file" --set controller.settings.setpoint_preview=0 --csv "$work/$name.settled" >"$work/$name-blind.log" ;;
     *) ln -s "$name.csv" "$work/$name.settled" ;;

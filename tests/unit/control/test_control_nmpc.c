@@ -419,6 +419,24 @@ static void without_time_the_former_plan_goes_on(void **state)
     apc_plant_destroy(r.plant);
 }
 
+/* Nothing brings it there: neither is it judged by that, nor does a price go along with it in Man. */
+static void what_has_a_price_is_not_the_measurement_of_a_loop(void **state)
+{
+    static const double one = 1.0;
+    struct apc_error why = {""};
+    struct apc_pair pair;
+    struct rig r;
+    (void)state;
+
+    prepare(&r);
+    assert_int_equal(apc_law_pairing(&apc_law_nmpc, &r.setup, &pair, &why), 0);
+    assert_true(pair.measurement == 1 && pair.setpoint == 1);
+    r.setting[r.setup.n_setting++] = number("economic", &one, 1);
+    assert_int_equal(apc_law_pairing(&apc_law_nmpc, &r.setup, &pair, &why), 0);
+    assert_true(pair.measurement == 0 && pair.setpoint == 1);
+    apc_plant_destroy(r.plant);
+}
+
 static void limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint(void **state)
 {
     struct rig r;
@@ -643,6 +661,7 @@ int main(void)
         TEST(a_dead_time_of_some_periods_is_in_the_prediction),
         TEST(a_search_that_takes_too_many_steps_is_late_and_goes_on),
         TEST(without_time_the_former_plan_goes_on),
+        TEST(what_has_a_price_is_not_the_measurement_of_a_loop),
         TEST(limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint),
         TEST(limits_of_a_measurement_that_cannot_be_kept_are_told_with_their_rank),
         TEST(a_model_that_gives_no_number_gives_no_output_and_is_told),
