@@ -14,17 +14,28 @@ static int take_dropped(void *ctx, int statement, PGresult *result)
     return 0;
 }
 
+static int finish_patiently(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx)
+{
+    pg->deadline = apc_clock_mono(NULL) + PATIENCE * pg->base.config.timeout;
+    return apc_pg_finish(pg, fn, ctx);
+}
+
 /* What came at once, as by apc copy, the server has not entered into the indexes on time: it is gone through whenever an
- * instant is asked for. */
+ * instant is asked for. An index that another who maintains drops meanwhile needs nothing. */
 static int enter_times(struct apc_pg *pg)
 {
-    const int err = apc_pg_send(pg,
-                                "SELECT sum(brin_summarize_new_values(c.oid)) FROM pg_class AS c "
-                                "JOIN pg_am AS a ON a.oid = c.relam AND a.amname = 'brin' "
-                                "WHERE c.relkind = 'i' AND "
-                                "c.relnamespace = to_regnamespace(quote_ident(current_schema()))",
-                                &(struct apc_pg_params){0});
-    return err ? err : apc_pg_finish(pg, NULL, NULL);
+    const int err = apc_pg_send(
+        pg,
+        "DO $$ DECLARE which oid; BEGIN "
+        "FOR which IN SELECT c.oid FROM pg_class AS c JOIN pg_am AS a ON a.oid = c.relam AND a.amname = "
+        "'brin' "
+        "WHERE c.relkind = 'i' AND c.relnamespace = to_regnamespace(quote_ident(current_schema())) LOOP "
+        "BEGIN PERFORM brin_summarize_new_values(which); "
+        "EXCEPTION WHEN OTHERS THEN "
+        "IF EXISTS (SELECT FROM pg_class WHERE oid = which) THEN RAISE; END IF; "
+        "END; COMMIT; END LOOP; END $$",
+        &(struct apc_pg_params){0});
+    return err ? err : finish_patiently(pg, NULL, NULL);
 }
 
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
@@ -51,10 +62,7 @@ int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
             "$5::timestamptz)",
             &p);
     }
-    if (!err) {
-        pg->deadline = apc_clock_mono(NULL) + PATIENCE * pg->base.config.timeout;
-        err = apc_pg_finish(pg, take_dropped, &dropped);
-    }
+    err = err ? err : finish_patiently(pg, take_dropped, &dropped);
     err = err ? err : enter_times(pg);
     const int packed = !err && keep->packed > 0 ? apc_pg_pack(pg, now - keep->packed) : 0;
     err = packed < 0 ? packed : err;

@@ -466,6 +466,36 @@ static void test_two_maintainers_pack_each_week_once(void **state)
     apc_store_close(store);
 }
 
+static void *enter_times(void *arg)
+{
+    struct maintainer *m = arg;
+    m->result = apc_store_maintain(m->store, &(struct apc_retention){.size = sizeof(struct apc_retention)});
+    return NULL;
+}
+
+/* Nor does it end one that has to wait for it for longer than an operation may take. */
+static void test_an_index_that_is_dropped_meanwhile_ends_no_maintenance(void **state)
+{
+    (void)state;
+    char waiting[200];
+    ask("CREATE TABLE goes (time timestamptz)");
+    ask("CREATE INDEX ON goes USING brin (time)");
+    snprintf(waiting, sizeof waiting, "SELECT count(*) FROM pg_locks WHERE NOT granted AND relation = %s",
+             ask("SELECT 'goes'::regclass::oid"));
+    struct maintainer m = {.store = open_direct(SHORT)};
+    pthread_t thread;
+    ask("BEGIN");
+    ask("DROP TABLE goes");
+    assert_int_equal(pthread_create(&thread, NULL, enter_times, &m), 0);
+    while (strcmp(ask(waiting), "0") == 0)
+        ;
+    ask("SELECT pg_sleep(0.5)");
+    ask("COMMIT");
+    pthread_join(thread, NULL);
+    ok(m.store, m.result);
+    apc_store_close(m.store);
+}
+
 /* The server's process ends wherever it is: after each of the first statements of a week, and then here and
  * there. */
 /* Promise(database/comes-late-two) */
@@ -576,6 +606,7 @@ int main(void)
         T(test_a_packed_seq_is_taken_and_a_free_one_is_not),
         T(test_a_week_that_is_written_to_while_it_is_packed_stays_as_it_is),
         T(test_two_maintainers_pack_each_week_once),
+        T(test_an_index_that_is_dropped_meanwhile_ends_no_maintenance),
         T(test_a_maintainer_that_is_killed_leaves_rows_or_chunks),
         T(test_packed_weeks_are_dropped_but_not_the_newest_of_a_variable),
         T(test_who_reads_the_rows_reads_them_packed_and_nobody_writes_them),
