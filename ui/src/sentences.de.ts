@@ -159,6 +159,7 @@ export const sentences: Record<string, string> = {
   "there is no measurement, output, disturbance or parameter \"{=}\": did you mean {=}?": "„{1}“ ist weder Messung noch Ausgang, Störgröße oder Parameter: gemeint war {2}?",
   "there is no measurement, output, disturbance or parameter \"{=}\"": "„{1}“ ist weder Messung noch Ausgang, Störgröße oder Parameter",
   "\"fault\" must be a number of the list, or a text": "„fault“ muss eine Nummer der Liste oder ein Text sein",
+  "simulated from here on: so the plant was at {=}": "ab hier simuliert: so stand die Anlage um {1}",
   "the simulated plant goes back: do this again once it stands there": "die simulierte Anlage geht zurück: noch einmal, sobald sie dort steht",
   "nobody simulates the plant yet: its `apc run --speed` begins": "noch simuliert niemand die Anlage: ihr `apc run --speed` beginnt",
   "nobody simulates the plant any more: its `apc run --speed` was ended, and its time stands still": "niemand simuliert die Anlage mehr: ihr `apc run --speed` ist beendet, und ihre Zeit steht still",

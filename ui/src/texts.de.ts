@@ -906,6 +906,7 @@ export const de = {
   "events.kind.notify": "Benachrichtigung",
   "events.kind.mqtt": "MQTT",
   "events.kind.health": "Regelgüte",
+  "events.kind.past": "Vorgeschichte",
   "events.atLeast": "ab",
   "events.kindLabel": "Art",
   "events.sourceLabel": "Quelle",

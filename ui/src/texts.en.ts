@@ -907,6 +907,7 @@ export const en = {
   "events.kind.notify": "notification",
   "events.kind.mqtt": "MQTT",
   "events.kind.health": "loop health",
+  "events.kind.past": "past",
   "events.atLeast": "at least",
   "events.kindLabel": "kind",
   "events.sourceLabel": "source",

@@ -15,7 +15,7 @@ import {inEnglish, known, rewords, tr} from "../core/texts";
 import {loopOf, moved} from "../core/why";
 import {WhyButton} from "../why";
 
-const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "history", "measurement", "command", "readback", "law", "ramp", "standby", "rejected", "watchdog", "overrun", "clock", "alarm", "notify", "health", "mqtt", "certificate", "log", "handover"];
+const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "history", "measurement", "command", "readback", "law", "ramp", "standby", "rejected", "watchdog", "overrun", "clock", "alarm", "notify", "health", "mqtt", "certificate", "log", "handover", "past"];
 const SINCE = [
   {name: "common.last1h", seconds: 3600},
   {name: "common.last24h", seconds: 86400},
