@@ -2,6 +2,7 @@
 // The faceplate of a loop: values, modes, tuning, who is above it or in shadow.
 import assert from "node:assert/strict";
 import {test} from "node:test";
+import {loopOf} from "../src/core/alarms";
 import type {Sample} from "../src/core/types";
 import {button, choose, click, entry, env, layers, model, one, press, said, server, settle, show, state, submit, type, window} from "./dom";
 import {cascade, plant as tanks, predicted, shadowed} from "./plant";
@@ -167,6 +168,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   server.beat();
   await settle();
   assert.doesNotMatch(said(".toolbar"), /shadow/);
+  assert.deepEqual([["trial"], ["base"]].map(shadow => loopOf("actuator.1", shadowed.loops, shadow)?.controller), ["base", "trial"]);
   assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 u1.output 1.500");
   server.plant = tanks;
   env.source.send("plant", {revision: 4});

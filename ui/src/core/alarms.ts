@@ -124,9 +124,10 @@ export function bandsOf(all: AlarmIs[]): Map<Ref, Limits> {
   return bands;
 }
 
-/** The loop that it is of: by measurement, setpoint, output or mode. */
-export function loopOf(ref: Ref, loops: Loop[]): Loop | null {
-  return loops.find(loop => refsOf(loop).includes(ref)) ?? null;
+/** The loop that it is of: by measurement, setpoint, output or mode; of several, one whose controller is not in shadow. */
+export function loopOf(ref: Ref, loops: Loop[], shadow: string[] = []): Loop | null {
+  const all = loops.filter(loop => refsOf(loop).includes(ref));
+  return all.find(loop => !shadow.includes(loop.controller)) ?? all[0] ?? null;
 }
 
 export function ofLoop(loop: Loop, all: Alarm[]): Alarm[] {

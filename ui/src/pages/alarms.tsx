@@ -266,7 +266,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
   const [seconds, setSeconds] = useState(Math.min(1800, shelveMax));
   const [once, setOnce] = useState(false);
   const shelving = useCell(slot(`shelve.${of.id}`));
-  const loop = loopOf(of.ref, p?.loops ?? []);
+  const loop = loopOf(of.ref, p?.loops ?? [], useCell(control)?.shadow);
   const signal = variable(of.ref);
   const times = [...TIMES.filter(one => one < shelveMax), shelveMax].slice(0, TIMES.length + 1);
   const act = acknowledgement(of);

@@ -10,7 +10,7 @@ import {leftOut, noDrawing} from "../core/graphicwords";
 import {holds} from "../core/history";
 import {worstOf} from "../core/list";
 import {loopScale, recent, trendScale} from "../core/loopdata";
-import {knownUntil, live, marks, plant, second, session, shownAt, shownNow} from "../core/model";
+import {control, knownUntil, live, marks, plant, second, session, shownAt, shownNow} from "../core/model";
 import {nameOf, pensAbout, signal} from "../core/pens";
 import {type Live, words, worth} from "../core/quality";
 import {place as placeOn, type Scale} from "../core/scale";
@@ -271,7 +271,8 @@ function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: 
 
 /** To the faceplate of the loop that it is of, else to its trend. */
 function Go({of, scene: {plant: p, linked}, label, children}: {of: Variable; scene: Scene; label: string; children: ComponentChildren}): JSX.Element {
-  const loop = useMemo(() => loopOf(of.ref, p.loops), [of, p]);
+  const shadow = useCell(control)?.shadow;
+  const loop = useMemo(() => loopOf(of.ref, p.loops, shadow), [of, p, shadow?.join()]);
   if (linked) return <g role="img" aria-label={label}>{children}</g>;
   return (
     <a
@@ -293,8 +294,8 @@ const GLYPHS = {1: "◆", 2: "■", 3: "▲", 4: "▼"};
 function useAlarm(ref: Ref): Alarm | null {
   const p = useCell(plant);
   const refs = useMemo(() => {
-    const loop = p?.loops.find(one => one.output === ref);
-    return [ref, ...(loop ? [loop.mode.target, loop.mode.actual, loop.manual] : [])];
+    const loops = p?.loops.filter(one => one.output === ref) ?? [];
+    return [ref, ...loops.flatMap(loop => [loop.mode.target, loop.mode.actual, loop.manual])];
   }, [p, ref]);
   return worstOf({refs}, useCell(marks));
 }
