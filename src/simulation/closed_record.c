@@ -351,7 +351,8 @@ static int collect_written(struct closed *c)
         tunings += row->table == APC_TUNING && row->author > 0 && row->time >= SIMULATION_BEGIN + c->since;
     }
     if (tunings > 0)
-        note_closed(c, "of tuning people wrote %llu values meanwhile: otherwise none of them is written",
+        note_closed(c,
+                    "people wrote %llu tuning values meanwhile: with another tuning none of them is written",
                     tunings);
     samples_sort(&c->written);
     free(variable);

@@ -137,7 +137,8 @@ test("each parameter that a law has, and each variable that it publishes, is des
 const REFUSES: [RegExp, RegExp][] = [
   [/\bfault_set\(/g, /^apps\/(apc-ui|common)\//],
   [/\bchange_fail\(/g, /^(src\/operate|apps\/apc-ui)\//],
-  [/\bapc_fail\(/g, /^src\/(simulation\/(why|why_told|replay|replay_load|replay_store)|record\/(alarm_summary|alarm_trial)|shareddata\/history\/past)\.c$/],
+  [/\bnote_closed\(/g, /^src\/simulation\//],
+  [/\bapc_fail\(/g, /^src\/(simulation\/(why|why_told|replay|replay_load|replay_store|closed|closed_record)|record\/(alarm_summary|alarm_trial)|shareddata\/history\/past)\.c$/],
 ];
 
 // Promise(page): Each sentence with which the server refuses a request is in German as well.
