@@ -286,6 +286,8 @@ export class Fake {
         return response.end(this.graphic);
       case "/api/displays":
         return json({writable: false, displays: this.graphic ? [{name: "overview", title: "overview", level: 1, version: 0, author: null, time: null, comment: null}] : []});
+      case "/api/trends":
+        return json({writable: true, trends: [{name: this.texts ?? "day", for: "role", signals: this.#plant().variables.slice(0, 2).map(one => one.name), author: "ben", time: this.now - 3600}]});
       case "/api/plants":
         return json({t: this.now, plants: [{name: "line1", here: true, age: 0.2, page: null}, {name: "line2", here: false, age: 7412, page: "https://line2.example/"}]});
       case "/api/kpis":

@@ -443,7 +443,7 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   assert.equal(location.hash, "#trend/pens=y1,T;span=600");
   await show("trend/pens=y1,T;span=600");
   await env.pass(0.5);
-  assert.match(groups(), /day, all ben, 2033-05-18 03:33:20 Delete day, all save as for this browser me my role all Save$/);
+  assert.match(groups(), /day \(for all\) ben, 2033-05-18 03:33:20 Delete day \(for all\) save as for this browser me my role all Save$/);
   await type(".pen-groups input", "day");
   env.asked.length = 0;
   await choose(".pen-groups select[name=for]", "plant");
@@ -454,7 +454,7 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   await env.pass(0.5);
   assert.match(groups(), /carl has saved the trend "day" meanwhile: nothing was written$/);
   assert.equal(one<HTMLInputElement>(".pen-groups input").value, "day", "what was typed is lost");
-  await click(button("Delete day, all"));
+  await click(button("Delete day (for all)"));
   assert.deepEqual(env.take("/api/trends").body?.signals, []);
   // of two with the same signals each can be chosen, and deleted
   await choose(".pen-groups select[name=for]", "browser");
@@ -462,7 +462,7 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   await env.pass(0.5);
   assert.match(groups(), /Delete day save as/);
   await choose(".pen-groups select", "1");
-  assert.match(groups(), /Delete day, all save as/);
+  assert.match(groups(), /Delete day \(for all\) save as/);
   await choose(".pen-groups select", "0");
   await click(button("Delete day"));
   env.routes.delete("/api/trends");

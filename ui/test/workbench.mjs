@@ -94,6 +94,7 @@ test("a controller in shadow is compared, promoted, watched, backed out of, and 
   await promote.focus();
   await page.keyboard.press("Enter");
   await acting("trial");
+  await page.locator(".workbench .keys li", {hasText: /^\s*F1\.output/}).waitFor();
 
   // another engineer, who has not seen it
   const refused = await page.evaluate(async () => {

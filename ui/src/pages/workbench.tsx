@@ -27,7 +27,7 @@ import {onPrint, repaint} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
-import {said, tr} from "../core/texts";
+import {described, said, tr} from "../core/texts";
 
 const TIMES = [{name: "workbench.last10min", seconds: 600}, {name: "workbench.last1h", seconds: 3600}, {name: "workbench.last8h", seconds: 28800}] as const;
 const LATE = 120; // s that a model may take: another engineer's comes first
@@ -115,7 +115,7 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           <fieldset>
             <legend>{tr("workbench.inputs")}</legend>
             {others.map(one => (
-              <label key={one.ref}>
+              <label class="check" key={one.ref}>
                 <input
                   type="checkbox"
                   checked={inputs.includes(one.name)}
@@ -137,7 +137,10 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         {model && <Model of={model} />}
         <Numbers key={model?.t ?? 0} of={chosen} set={choose} />
       </Step>}
-      {isPid(loop) && (chosen ? <Tune loop={loop} model={chosen} /> : <Step n={3} name="tune"><p class="say">{tr("workbench.noModel")}</p></Step>)}
+      {isPid(loop) && (chosen ? <Tune loop={loop} model={chosen} /> : <>
+        <Step n={3} name="tune"><p class="say">{tr("workbench.noModel")}</p></Step>
+        <Step n={4} name="commission"><p class="say">{tr("workbench.noTuning")}</p></Step>
+      </>)}
       {loop.would && <Step n={isPid(loop) ? 5 : 2} name="shadow"><Shadow loop={loop} plant={p} within={within} /></Step>}
     </>
   );
@@ -192,6 +195,7 @@ function Record({loop, within, choose, also = []}: {loop: Loop; within: Window; 
   return (
     <>
       {failed && <p class="complaint">{failed}</p>}
+      {also.length > 0 && <ul class="keys">{curves.map(({variable: one}, i) => <li key={one.ref}><Stroke pen={{colour: `--pen-${i + 1}`, dash: []}} /> {one.name} <small>{described(one)}</small></li>)}</ul>}
       <div ref={host} class="plots" role="img" data-points={curves[0]?.series.t.length ?? 0} aria-label={tr("workbench.record.aria", {signals: curves.map(one => one.variable.name).join(", ")})} />
     </>
   );
@@ -316,7 +320,9 @@ function Tune({loop, model}: {loop: Loop; model: Transfer & {integrating: boolea
         {error && <p class="complaint" role="alert">{error}</p>}
         {preview && proposed && <><Responses of={preview} loop={loop} /><Margins of={preview} /></>}
       </Step>
-      {proposed && <Step n={4} name="commission"><Commission loop={loop} names={names} proposed={proposed} wrong={error != null || !proposed.stable} /></Step>}
+      <Step n={4} name="commission">
+        {proposed ? <Commission loop={loop} names={names} proposed={proposed} wrong={error != null || !proposed.stable} /> : <p class="say">{tr("workbench.noTuning")}</p>}
+      </Step>
     </>
   );
 }
@@ -340,8 +346,8 @@ function Responses({of, loop}: {of: Preview; loop: Loop}): JSX.Element {
       <p class="say">
         {of.present && <><Stroke pen={{colour: "--label", dash: [5, 4]}} /> {tr("workbench.present")} </>}
         <Stroke pen={{colour: "--pen-1", dash: []}} /> {tr("workbench.proposed")}
-        {" "}{tr("workbench.preview.say", {step: exact(rounded(of.step)), begins: exact(rounded(of.begins))})}
       </p>
+      <p class="say">{tr("workbench.preview.say", {step: exact(rounded(of.step)), begins: exact(rounded(of.begins))})}</p>
       <div class="matrix">
         {(["y", "u"] as const).map(which => {
           const signal = variable(which === "y" ? loop.measurement : loop.output);
@@ -502,7 +508,7 @@ function Candidate({of, plant: p, within, busy, promote}: {of: Loop; plant: Plan
       {found && <Would of={found} loops={loops} />}
       <ul class="checks" aria-label={tr("workbench.checks")}>
         {checks.map(([fine, text]) => <li key={text} data-fine={fine}>{fine ? "✓" : <Note grave label={tr("workbench.check.not")} />} {text}</li>)}
-        <li><label><input type="checkbox" checked={told} onChange={event => tell(event.currentTarget.checked)} /> {tr("workbench.check.told")}</label></li>
+        <li><label class="check"><input type="checkbox" checked={told} onChange={event => tell(event.currentTarget.checked)} /> {tr("workbench.check.told")}</label></li>
       </ul>
       <div class="entry-line"><button type="button" class="primary" disabled={busy || !told || !checks.every(([fine]) => fine)} onClick={promote}>{tr("workbench.promote", {name: of.controller})}</button></div>
     </>
@@ -512,13 +518,13 @@ function Candidate({of, plant: p, within, busy, promote}: {of: Loop; plant: Plan
 /** As it was, dashed, and as it would have been; what of it the model does not tell. */
 function Would({of, loops}: {of: Shadowed; loops: Loop[]}): JSX.Element {
   const shown = (value: number | null): string => (value == null ? missing : exact(Number(value.toPrecision(4))));
-  const change = (was: number | null, is: number | null): string => (was == null || is == null || was === 0 ? missing : `${exact(Number((100 * (is / was - 1)).toPrecision(3)))} %`);
+  const change = (was: number | null, is: number | null): string => (was == null || is == null || was === 0 ? missing : `${exact(Number((100 * (is / was - 1)).toFixed(1)))} %`);
   const unsure = Object.entries(of.left_out).filter(([, share]) => share > 0.5).map(([name]) => name);
   return (
     <>
       <p class="say"><Stroke pen={{colour: "--label", dash: [5, 4]}} /> {tr("workbench.recorded")} <Stroke pen={{colour: "--pen-1", dash: []}} /> {tr("workbench.would")}</p>
       {unsure.length > 0 && <p class="say"><Note label={tr("workbench.leftOutShort")} /> {tr("workbench.leftOut", {names: unsure.join(", ")})}</p>}
-      {of.notes.map(one => <p class="say" key={one}>{one}</p>)}
+      {of.notes.map(one => <p class="say" key={one}>{said(one)}</p>)}
       <div class="matrix">
         {of.loops.flatMap(one => (["y", "u"] as const).map(which => {
           const loop = loops.find(other => other.id === one.id);
