@@ -91,10 +91,12 @@ test("a controller in shadow is compared, promoted, watched, backed out of, and 
   await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
   const axe = await page.evaluate(() => window.axe.run(document, {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"], resultTypes: ["violations"]}));
   assert.deepEqual(axe.violations.map(({id, nodes}) => `${id}: ${nodes[0].html} ${nodes[0].failureSummary}`), []);
+  await page.locator(".workbench input[name=reason]").fill("a model of the tanks");
   await promote.focus();
   await page.keyboard.press("Enter");
   await acting("trial");
   await page.locator(".workbench .keys li", {hasText: /^\s*F1\.output/}).waitFor();
+  await page.locator(".workbench .say", {hasText: /promoted: base -> trial .*: a model of the tanks$/}).waitFor();
 
   // another engineer, who has not seen it
   const refused = await page.evaluate(async () => {

@@ -18,6 +18,7 @@ import type {Loop, PidTuning, Plant, PlantEvent, PlantModel, Preview, Shadowed, 
 import {forget, reason, send, slot} from "../core/writing";
 import {Stroke} from "../parts/pens";
 import {Nothing} from "../parts/nothing";
+import {Reason} from "../parts/reason";
 import {Note} from "../parts/shape";
 import {WriteStatus} from "../parts/status";
 import {Tag} from "../parts/tag";
@@ -406,6 +407,7 @@ function Commission({loop, names, proposed, wrong}: {loop: Loop; names: readonly
   return (
     <>
       <p>{changes.length > 0 ? text : tr("workbench.inForce")}</p>
+      <Reason />
       <div class="entry-line"><button type="button" class="primary" disabled={wrong || changes.length === 0 || view?.phase === "pending"} onClick={write}>{tr("workbench.write")}</button></div>
       <WriteStatus of={at} retry={write} />
     </>
@@ -447,6 +449,7 @@ function Shadow({loop, plant: p, within}: {loop: Loop; plant: Plant; within: Win
   return (
     <>
       <p role="status" data-acting={acts}>{tr("workbench.acts", {name: acts, others: waiting.map(one => one.controller).join(", ")})}</p>
+      <Reason />
       {last && former && (
         <>
           <div class="entry-line">
