@@ -22,6 +22,15 @@ int change_fail(struct change_fault *why, int err, const char *code, const char 
     return err;
 }
 
+int change_in_past(struct apc_store *store, struct change_fault *why)
+{
+    struct apc_store_clock clock = {.size = sizeof clock};
+    return apc_store_clock(store, &clock) > 0 && (clock.reached < 0 || clock.rewind > 0)
+               ? change_fail(why, APC_ESTATE, "simulation",
+                             "the simulated plant goes back: do this again once it stands there")
+               : 0;
+}
+
 /* ---- In words ------------------------------------------------------------------------------ */
 
 char *change_text(const struct apc_sample *s, char text[CHANGE_TEXT])

@@ -222,6 +222,8 @@ int change_now(const struct plant_view *plant, const struct change_target *to, c
 /* What else may be in the way, in words. */
 int change_stale(const char *name, const struct apc_sample *now, struct change_fault *why);
 int change_role(const char *user, const char *role, const char *wanted, struct change_fault *why);
+/* A simulated plant that goes back does again what people did then, and nothing else: "simulation", or 0. */
+int change_in_past(struct apc_store *store, struct change_fault *why);
 
 /* The shortest that reads back the same, from six digits on; modes and owners by name; "none". Both return
  * text. */
@@ -490,7 +492,7 @@ const struct loops_controller *promotion_acting(const struct promotion *p);
 bool promotion_is_done(const struct promotion *p);
 int promotion_silent(const struct promotion *p, struct change_fault *why); /* it does not tick: APC_EPERM */
 /* Write it, unless the switch is another's since the last look. The caller records @event then, which has @p note before
- * the reason. Returns 0, or an error: "stale", "unknown", "store". */
+ * the reason. Returns 0, or an error: "simulation", "stale", "unknown", "store". */
 int promotion_put(struct promotion *p, struct apc_store *store, const char *author, const char *note,
                   const char *reason, struct apc_event *event, struct change_fault *why);
 

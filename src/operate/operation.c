@@ -576,19 +576,9 @@ static int fail_stale(const struct operation *o, struct change_fault *why)
     return change_stale(o->change[i].to.name, &o->change[i].newest, why);
 }
 
-/* A simulated plant that goes back does again what people did then, and nothing else. */
-static int refuse_while_repeated(struct apc_store *store, struct change_fault *why)
-{
-    struct apc_store_clock clock = {.size = sizeof clock};
-    return apc_store_clock(store, &clock) > 0 && (clock.reached < 0 || clock.rewind > 0)
-               ? change_fail(why, APC_ESTATE, "simulation",
-                             "the simulated plant goes back: do this again once it stands there")
-               : 0;
-}
-
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
-    int rc = refuse_while_repeated(store, why);
+    int rc = change_in_past(store, why);
     if (rc == 0)
         rc = look_at_ramps(o, store, why);
     for (size_t i = 0; i < o->n && rc == 0 && !o->confirmed; i++)

@@ -95,7 +95,10 @@ int promotion_put(struct promotion *p, struct apc_store *store, const char *auth
     snprintf(event->text, sizeof event->text, "promoted: %.40s -> %.40s%s%s%s",
              was ? was->name : "the file's", p->to->name, note, reason && reason[0] ? ": " : "",
              reason ? reason : "");
-    int rc = apc_store_author(store, author);
+    int rc = change_in_past(store, why);
+    if (rc < 0)
+        return rc;
+    rc = apc_store_author(store, author);
     p->choice.author = rc > 0 ? (uint32_t)rc : 0;
     p->choice.value = p->to->number;
     p->choice.time = event->time;

@@ -12,6 +12,7 @@
 #include "apc/common/experiment_warnings.h"
 #include "apc/common/speed.h"
 #include "apc/folder/folder.h"
+#include "apc/folder/runstore.h"
 #include "common/storeuri.h"
 #include "run.h"
 #include "simulation/simulation.h"
@@ -127,11 +128,28 @@ static void begin_at_past(struct run *r, const char *dir)
     snprintf(r->e.past_dir, sizeof r->e.past_dir, "%s", dir);
 }
 
+/* Of a run that goes on nobody knows what will be written. */
+static int check_has_come_to(const char *dir, apc_ns from, struct apc_error *why)
+{
+    struct runstore there;
+    struct apc_store *store = NULL;
+    struct apc_store_clock clock = {.size = sizeof clock};
+    int rc = runstore_find(&there, dir, why);
+    if (rc < 0 || !there.live[0])
+        return rc;
+    rc = store_open(&store, there.live, NULL, why);
+    if (rc == 0 && apc_store_clock(store, &clock) > 0 && SIMULATION_BEGIN + from > clock.now)
+        rc = apc_fail(why, APC_ERANGE, "--from %g: %s has come to %g s: expected a time not behind that",
+                      apc_ns_to_s(from), dir, apc_ns_to_s(clock.now - SIMULATION_BEGIN));
+    apc_store_close(store);
+    return rc;
+}
+
 /* Of the run of which that is the folder: what people wrote before, or, of one in real time, all that was. */
-static int take_recorded_run(struct run *r, struct apc_error *why)
+static int take_recorded_run(struct run *r, double took, struct apc_error *why)
 {
     struct samples *w = &r->written;
-    char dir[EXPERIMENT_PATH];
+    char dir[EXPERIMENT_PATH], ticks[EXPERIMENT_PATH + sizeof TICKS_FILE];
     apc_ns from = 0;
     const int rc = simulation_written(&r->e, w, why);
     if (rc < 0)
@@ -139,9 +157,17 @@ static int take_recorded_run(struct run *r, struct apc_error *why)
     if (!experiment_run_dir(&r->e, dir) || (rc == 0 && !r->e.start))
         return apc_fail(why, APC_ENOTFOUND,
                         "--from: %s: expected the folder of a run, or a store as STORE@TIME", r->e.file);
-    if (r->e.duration > 0 && r->options.from >= r->e.duration)
+    if (rc > 0)
+        took = r->e.duration;
+    if (took > 0 && r->options.from >= took)
         return apc_fail(why, APC_ERANGE, "--from %g: the run takes %g s: expected a time before its end",
-                        r->options.from, r->e.duration);
+                        r->options.from, took);
+    snprintf(ticks, sizeof ticks, "%s/" TICKS_FILE, dir);
+    if (rc == 0 && access(ticks, R_OK) != 0)
+        return apc_fail(why, APC_ENOTFOUND,
+                        "--from %g: %s has no " TICKS_FILE
+                        ", which a run leaves at its end: before that its store is expected, as STORE@TIME",
+                        r->options.from, dir);
     (void)apc_ns_from_s(r->options.from, &from);
     from = simulation_nearest_tick(&r->e, from);
     while (w->n > 0 && w->at[w->n - 1].time >= SIMULATION_BEGIN + from)
@@ -151,18 +177,18 @@ static int take_recorded_run(struct run *r, struct apc_error *why)
         begin_at_past(r, dir);
     else if (r->options.from < r->e.past)
         r->e.past = r->options.from;
-    return 0;
+    return rc == 0 ? 0 : check_has_come_to(dir, from, why);
 }
 
-/* From where people go on. */
-static int take_past(struct run *r, struct apc_error *why)
+/* From where people go on; @p took: s, so long was the run whose folder it is. */
+static int take_past(struct run *r, double took, struct apc_error *why)
 {
     if (!r->options.pace || (!r->options.from_store[0] && !(r->options.from > 0))) {
         r->e.past = 0;
         return 0;
     }
     if (!r->options.from_store[0])
-        return take_recorded_run(r, why);
+        return take_recorded_run(r, took, why);
     const int rc = store_folder_make(&r->past, r->options.from_store, r->options.from_utc, r->e.file, why);
     apc_ns from = 0;
     if (rc < 0)
@@ -468,9 +494,10 @@ static int run_experiment(struct run *r)
         return APC_EINVAL;
     }
     warn(&r->cli, &r->e);
+    const double took = r->e.duration;
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
-    if ((rc = take_past(r, &why)) < 0) {
+    if ((rc = take_past(r, took, &why)) < 0) {
         cli_error(&r->cli, rc, "%s", why.text);
         return rc;
     }

@@ -40,9 +40,24 @@ static apc_ns end_of(const struct whatif *w)
     return end;
 }
 
+/* What a run that went on from another one was before: that one's, which its folder keeps. */
+static int load_former(struct whatif *w, char *dir, size_t size, struct apc_error *why)
+{
+    struct experiment former;
+    if (!(w->was.past > 0) || w->at > w->was.past)
+        return 0;
+    snprintf(dir, size, "%s", w->was.past_dir);
+    const int rc = experiment_load(&former, dir, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+    former.duration = w->was.duration;
+    experiment_free(&w->was);
+    w->was = former;
+    return rc;
+}
+
 int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *why)
 {
     struct record_stores there;
+    char dir[EXPERIMENT_PATH];
     int rc = w->store[0] ? store_folder_make(&w->made, w->store, w->utc, e->file, why) : 0;
     if (w->store[0]) {
         snprintf(w->dir, sizeof w->dir, "%s", w->made.dir);
@@ -65,8 +80,12 @@ int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *
     if (!w->was.plant.model)
         return apc_fail(why, APC_EINVAL, "%s names no model of its plant: there is nothing to simulate",
                         w->dir);
+    snprintf(dir, sizeof dir, "%s", w->dir);
+    rc = load_former(w, dir, sizeof dir, why);
+    if (rc < 0)
+        return rc;
     if (w->was.start)
-        return playback_load(&w->playback, w->dir, &w->was, end_of(w), why);
+        return playback_load(&w->playback, dir, &w->was, end_of(w), why);
     while (w->was.n_actions > 0 && w->was.action[w->was.n_actions - 1].at >= end_of(w))
         w->was.n_actions--;
     return 0;

@@ -289,7 +289,10 @@ awk -F, '$1 >= 11.4 { exit } { print }' "$work/back.2/samples.csv" | diff -q "$w
 grep -q '^20.000000,actuator,1,.*,1.5$\|^20.0[0-9]*,actuator,1,.*,1.5$' "$work/back.1/samples.csv" || fail "what was later is lost"
 
 # Promise(run/rewind-alone): While a simulated run does again what was, others write nothing into it: they are told to wait.
-begin days --no-ui --duration 1e6
+wires='measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];'
+sed -e "s/^controller = {/controllers = ( { name = \"base\"; $wires/" \
+  -e "/^  mode = \"Auto\";/{n;s/};/}, { name = \"trial\"; shadow = true; law = \"pi\"; period = 2.0; $wires tuning = ( { Kp = 0.1; tau_i = 10.0; } ); } );/}" "$file" >"$work/two.conf"
+file=$work/two.conf begin days --no-ui --duration 1e6
 speed step 1
 kill -INT $pid
 wait $pid || true
@@ -300,9 +303,10 @@ store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/repeats.log")
 repeats() { "$apc" get --store "$store" u >"$work/repeated" 2>&1 && grep -q Good "$work/repeated"; }
 until_true 20 repeats
 expect 1 'the simulated plant goes back: do this again once it stands there' "$apc" set --store "$store" --no-wait r 12
+expect 1 'the simulated plant goes back: do this again once it stands there' "$apc" promote --store "$store" --no-wait trial
 kill -INT $pid
 wait $pid || true
-! grep -q setpoint "$work/repeats/written.csv" || fail "what was is another one: $(cat "$work/repeats/written.csv")"
+! grep -q 'setpoint\|opmode' "$work/repeats/written.csv" || fail "what was is another one: $(cat "$work/repeats/written.csv")"
 # Promise(run/rewind-exact): To which tick a simulated run goes back does not matter, whatever law controls it: the rest of it is that
 #   of the run that went on.
 RANDOM=40

@@ -176,8 +176,15 @@ to_the_end virtual
 "$apc" simulate fast.conf -d 6 --from "$live@$(at 3)" >unchanged.txt
 [ "$(sed -n 's/^sha256: *//p' unchanged.txt)" = "$(sha256sum <virtual/samples.csv | cut -d ' ' -f 1)" ] || fail "it is another future than apc simulate --from has"
 again virtual
+for at in 2 3; do
+  "$apc" simulate real --from real@$at --csv real.csv --force >/dev/null
+  "$apc" simulate virtual -d 6 --from virtual@$at --csv same.csv --force >/dev/null
+  # Promise(analysis/run-goes-otherwise)
+  cmp -s same.csv real.csv || fail "from $at s on what was before the run went on from a store is another"
+done
 grep -q ',past,"simulated from here on' virtual/events.csv || fail "nothing says from when on it is simulated: $(cat virtual/events.csv)"
 go_on again real -d 6 --from 3
+expect 4 'again has come to 3 s: expected a time not behind that' "$apc" run again --speed 0 --from 4 --out no
 expect 0 '' "$apc" mode --store "$store" man --no-wait
 expect 0 '' "$apc" set --store "$store" --no-wait u 2.5
 "$apc" speed --store "$store" step 100
@@ -191,5 +198,10 @@ again again.1
 [ "$(grep -c manual again.1/written.csv)" -eq 1 ] || fail "what people wrote is not on record: $(cat again.1/written.csv)"
 expect 1 'has no tick on record before that time' "$apc" run fast.conf --speed 0 --from "$live@$(at -60)" --out no
 expect 4 'expected a time before its end' "$apc" run real --speed 0 --from 6 --out no
+expect 4 'expected a time before its end' "$apc" run real --speed 0 --from 7 -d 10 --out no
+mv real/ticks.db ticks.db
+expect 1 'before that its store is expected, as STORE@TIME' "$apc" run real --speed 0 --from 3 --out no
+mv ticks.db real/ticks.db
+[ ! -e no ] || fail "what was refused leaves a folder"
 expect 2 'must be a time, as 2026' "$apc" run fast.conf --speed 0 --from "$live@soon" --out no
 expect 2 'expected with --speed' "$apc" run fast.conf --from "$live@-1s" --out no
