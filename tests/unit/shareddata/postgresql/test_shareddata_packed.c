@@ -473,7 +473,6 @@ static void *enter_times(void *arg)
     return NULL;
 }
 
-/* Nor does it end one that has to wait for it for longer than an operation may take. */
 static void test_an_index_that_is_dropped_meanwhile_ends_no_maintenance(void **state)
 {
     (void)state;
@@ -489,7 +488,6 @@ static void test_an_index_that_is_dropped_meanwhile_ends_no_maintenance(void **s
     assert_int_equal(pthread_create(&thread, NULL, enter_times, &m), 0);
     while (strcmp(ask(waiting), "0") == 0)
         ;
-    ask("SELECT pg_sleep(0.5)");
     ask("COMMIT");
     pthread_join(thread, NULL);
     ok(m.store, m.result);
