@@ -76,7 +76,7 @@ static size_t collect_curve(const struct samples *all, enum apc_table table, int
 /* |r - y| over time, of the rows of both as they stand. */
 static double shadow_iae(const struct samples *all, const struct loops_loop *loop, apc_ns since)
 {
-    double r = NAN, y = NAN, iae = 0.0;
+    double r = (double)NAN, y = (double)NAN, iae = 0.0;
     apc_ns last = since;
 
     for (size_t i = 0; i < all->n; i++) {
