@@ -227,8 +227,8 @@ struct ui {
     struct text graphic; /* an SVG; empty: there is none */
     char displays[4096]; /* their folder; "": there is none */
     struct server *server;
-    _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
-    _Atomic uint32_t stopping; /* what pauses waits for it: ui_stop() */
+    _Atomic apc_ns round[2];      /* when the live and the records thread began their last one, monotonic */
+    _Atomic uint32_t stopping;    /* what pauses waits for it: ui_stop() */
     _Atomic unsigned writing;     /* requests that a writer has not done with yet */
     _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
 

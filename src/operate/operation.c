@@ -511,10 +511,10 @@ static int event_words(const struct operation *o, const char *what, const char *
 int operation_fits(const struct operation *o, const char *also, struct change_fault *why)
 {
     const bool one = o->group && operation_is_one(o);
-    char what[192];
+    char what[192], none[1];
     for (size_t i = 0; i < (one ? 1 : o->n) && o->reason; i++) {
         change_words(&o->change[i], one ? o->group : NULL, what, sizeof what);
-        const int room = (int)sizeof what - 1 - event_words(o, what, also, "", NULL, 0) - 2;
+        const int room = (int)sizeof what - 1 - event_words(o, what, also, "", none, sizeof none) - 2;
         if (o->reason[0] && (int)strlen(o->reason) > room)
             return change_fail(why, APC_EINVAL, "value",
                                "\"reason\" must have at most %d bytes beside the other words of its event, "

@@ -103,10 +103,10 @@ static int make_hessian(struct apc_mpc *p, struct apc_error *why)
                 p->H[k * n + k - nu] -= p->s[j];
         }
     }
-    for (size_t a = 0; p->curve && a < n; a++) {
+    for (size_t a = 0, j = 0; p->curve && a < n; a++, j = j + 1 < nu ? j + 1 : 0) {
         for (size_t b = 0; b <= a; b++)
             p->H[a * n + b] += p->curve[a * n + b];
-        p->H[a * n + a] += p->damping * p->s[a % nu];
+        p->H[a * n + a] += p->damping * p->s[j];
     }
     if (p->ends)
         rc = weigh_terminal(p, why);
@@ -162,14 +162,15 @@ static int make_bent_hessian(struct apc_mpc *p, const double *curve, const doubl
 
     memset(p->bent, 0, n * sizeof(*p->bent));
     p->curve = curve;
-    for (p->damping = 0.0; curve && rc == APC_EINVAL && p->damping < DAMPING;
-         p->damping = fmax(1.0, 4.0 * p->damping)) {
+    p->damping = 0.0;
+    while (curve && rc == APC_EINVAL && p->damping < DAMPING) {
         rc = make_hessian(p, NULL);
         for (size_t a = 0; a < n && rc == 0; a++) {
             p->bent[a] = -p->damping * p->s[a % nu] * (plan[a] - p->model->u0[a % nu]);
             for (size_t b = 0; b < n; b++)
                 p->bent[a] -= curve[a > b ? a * n + b : b * n + a] * (plan[b] - p->model->u0[b % nu]);
         }
+        p->damping = fmax(1.0, 4.0 * p->damping);
     }
     p->curve = NULL;
     return rc == 0 ? 0 : make_hessian(p, NULL);

@@ -343,7 +343,9 @@ static int words_of_order(const struct request *r, const struct order *o, const 
 /* Of the event, for all of the reason? */
 static bool reason_has_room(struct request *r, const struct order *o)
 {
-    const int had = (int)strlen(o->reason), over = words_of_order(r, o, OUTCOME_UNKNOWN, NULL, 0) - 191;
+    char none[1];
+    const int had = (int)strlen(o->reason),
+              over = words_of_order(r, o, OUTCOME_UNKNOWN, none, sizeof none) - 191;
     return had == 0 || over <= 0 ||
            fault_set(&r->fault, 422, "value", "reason",
                      "\"reason\" must have at most %d bytes beside the other words of its event, %.90s: "

@@ -232,14 +232,11 @@ static bool may_promote(struct ui *ui, struct request *r, struct apc_store *stor
 static void carry_out_promotion(struct ui *ui, struct request *r, struct apc_store *store,
                                 struct promotion *p, const struct promotion_order *o)
 {
-    double mark[2]; /* of the tick row: the rest is not wanted */
     struct apc_event event;
     struct change_fault why;
     char note[60];
     int rc = apc_store_connect(store);
 
-    p->tick.value = mark;
-    p->tick.room = 2;
     if (rc >= 0 && fault_history(r, store))
         return;
     if (rc >= 0)
@@ -266,6 +263,7 @@ void post_promote(struct ui *ui, struct request *r, struct apc_store *store)
     struct promotion_order o = {.to = NULL};
     struct known_plant plant = {0};
     struct promotion p;
+    double mark[2]; /* of the tick row: the rest is not wanted */
     struct change_fault why;
     json_t *body = body_parse(r->body, r->n, members, &r->fault);
 
@@ -276,8 +274,11 @@ void post_promote(struct ui *ui, struct request *r, struct apc_store *store)
             fault_store(r, APC_ENOMEM, store);
         else if (promotion_find(&p, &plant.loops, o.to, &why) < 0)
             fault_change(r, &why, "controller");
-        else
+        else {
+            p.tick.value = mark;
+            p.tick.room = 2;
             carry_out_promotion(ui, r, store, &p, &o);
+        }
     }
     known_free(&plant);
     json_decref(body);

@@ -147,7 +147,10 @@ void get_trends(struct ui *ui, struct request *r, struct apc_store *store)
         fclose(in);
     if (all) {
         json_add(&r->reply, "{writable:%i, trends:[", ui->displays[0] != '\0');
-        json_object_foreach(all, key, one) trend_json(one, &r->reply);
+        json_object_foreach(all, key, one)
+        {
+            trend_json(one, &r->reply);
+        }
         json_add(&r->reply, "]}");
     }
     json_decref(all);
@@ -203,8 +206,8 @@ static bool append_trend(const struct ui *ui, struct request *r, int fd, const j
                   TRENDS_MAX >> 20);
     else if (!ok || write(fd, whole, (size_t)n) != n || fsync(fd) < 0) {
         fault_trends(ui, r, "nothing was written");
-        if (ok && ftruncate(fd, st.st_size) < 0)
-            ok = false; /* a line that is cut is none */
+        if (ok)
+            (void)!ftruncate(fd, st.st_size); /* or else a line that is cut, which is none */
     }
     free(whole);
     return !r->fault.http;
@@ -216,8 +219,8 @@ static void save_trend(struct ui *ui, struct request *r, const struct trend_orde
     json_t *all = file ? trends_read(ui, r, file) : NULL;
     char *key = trend_key(o->with, o->name);
     const json_t *there = key ? json_object_get(all, key) : NULL;
-    const double time = there ? json_number_value(json_object_get(there, "time")) : 0,
-                 now = (double)(apc_clock_utc(NULL) / APC_NS_PER_MS) / 1e3;
+    const apc_ns ms = apc_clock_utc(NULL) / APC_NS_PER_MS;
+    const double time = there ? json_number_value(json_object_get(there, "time")) : 0, now = (double)ms / 1e3;
     json_t *line = json_pack("{s:s, s:s, s:s, s:O, s:s, s:f}", "name", o->name, "for", o->with, "whose",
                              whose(r, o->with), "signals", o->signals, "author", r->session.user, "time",
                              time < now ? now : time + 1e-3);

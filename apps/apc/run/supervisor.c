@@ -290,9 +290,9 @@ static void choose_start(struct supervisor *s)
 
 static void answer_start(const struct supervisor *s, const struct child *child)
 {
-    char text[APC_TIME_LEN + 1];
-    strcat(apc_time_format(s->chosen, text), "\n");
-    (void)send(child->asks, text, strlen(text), MSG_NOSIGNAL); /* whoever has ended is found to have, later */
+    char text[APC_TIME_LEN], line[APC_TIME_LEN + 1];
+    const int n = snprintf(line, sizeof line, "%s\n", apc_time_format(s->chosen, text));
+    (void)send(child->asks, line, (size_t)n, MSG_NOSIGNAL); /* whoever has ended is found to have, later */
 }
 
 int supervisor_start(struct supervisor *s, struct apc_error *why)

@@ -99,8 +99,8 @@ static void find_around(const struct replay_curves *k, struct compare_figure *f)
         }
     if (!first)
         return;
-    f->begin = fmax(f->begin, first->t - AROUND / 5 * period);
-    f->end = fmin(f->end, first->t + AROUND * 4 / 5 * period);
+    f->begin = fmax(f->begin, first->t - AROUND * period / 5);
+    f->end = fmin(f->end, first->t + AROUND * period * 4 / 5);
     f->from = first->t;
 }
 
