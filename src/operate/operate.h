@@ -478,7 +478,8 @@ struct promotion {
     const struct loops_controller *to;
     struct apc_sample choice, target,
         actual;             /* the switch; of its first loop the target and the actual mode */
-    struct apc_vector tick; /* of its own */
+    struct apc_vector tick; /* of its own: its first two numbers say what made it */
+    double mark[2];
 };
 
 /* Returns 0, or an error: "variable", there is no such controller; "second", one of them takes two persons; "mode", no
@@ -491,6 +492,10 @@ const struct loops_controller *promotion_acting(const struct promotion *p);
 /* It acts, as far as is seen: out of service, if that is what is wanted, nobody can see who does. */
 bool promotion_is_done(const struct promotion *p);
 int promotion_silent(const struct promotion *p, struct change_fault *why); /* it does not tick: APC_EPERM */
+int promotion_stale(const struct promotion *p,
+                    struct change_fault *why); /* it is not as described: APC_EPERM */
+/* Is its target another mode than out of service? 0 or APC_EPERM. */
+int promotion_in_service(const struct promotion *p, struct change_fault *why);
 /* Write it, unless the switch is another's since the last look. The caller records @event then, which has @p note before
  * the reason. Returns 0, or an error: "simulation", "stale", "unknown", "store". */
 int promotion_put(struct promotion *p, struct apc_store *store, const char *author, const char *note,

@@ -54,6 +54,8 @@ int promotion_look(struct promotion *p, struct apc_store *store)
     struct apc_sample row[] = {p->choice, p->target, p->actual};
     struct apc_rows rows = {
         .size = sizeof rows, .sample = row, .n_samples = 3, .vector = &p->tick, .n_vectors = 1};
+    p->tick.value = p->mark;
+    p->tick.room = sizeof p->mark / sizeof *p->mark;
     const int rc = apc_store_read_rows(store, &rows);
     if (rc < 0)
         return rc;
@@ -84,6 +86,23 @@ int promotion_silent(const struct promotion *p, struct change_fault *why)
 {
     return change_fail(why, APC_EPERM, "nobody", "%s does not tick: nobody would act. Nothing was written",
                        p->to->name);
+}
+
+int promotion_stale(const struct promotion *p, struct change_fault *why)
+{
+    return change_fail(
+        why, APC_EPERM, "stale",
+        "%s runs with another law, other settings or another model than the plant is described "
+        "with: start it anew. Nothing was written",
+        p->to->name);
+}
+
+int promotion_in_service(const struct promotion *p, struct change_fault *why)
+{
+    return p->target.seq == 0 || p->target.value == (double)APC_MODE_OOS
+               ? change_fail(why, APC_EPERM, "mode",
+                             "%s is out of service: nobody would act. Nothing was written", p->to->name)
+               : 0;
 }
 
 int promotion_put(struct promotion *p, struct apc_store *store, const char *author, const char *note,

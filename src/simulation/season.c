@@ -267,14 +267,39 @@ static bool is_made_by(const struct replay_controller *rc, const struct ticks *t
     return has_mark(rc->core, ticks->value + ticks->at[k].first, ticks->at[k].n);
 }
 
-int simulation_made_by(const struct experiment *e, const struct controller *c, const struct apc_vector *tick,
-                       struct apc_error *why)
+/* Laws of the user's own are not loaded. Returns 1; 0: it has such laws, or cannot be read. */
+static int parse_built_in(struct experiment *e, const char *text)
 {
+    const struct experiment_source from = {.file = "the store's experiment", .text = text};
+    struct apc_error why;
+    bool own = experiment_parse(e, &from, 0, NULL, &why) < 0;
+    for (size_t i = 0; i < e->n_controllers && !own; i++)
+        own = strchr(e->controllers[i].law_name, '/');
+    if (own)
+        return 0;
+    experiment_free(e);
+    return experiment_parse(e, &from, EXPERIMENT_LAW, NULL, &why) == 0;
+}
+
+int simulation_as_described(struct apc_store *store, const char *name, const struct apc_vector *tick,
+                            struct apc_error *why)
+{
+    struct experiment e = {0};
     struct apc_controller *core = NULL;
-    const int rc = module_controller(e, c, false, &core, why);
-    const int made = rc < 0 ? rc : has_mark(core, tick->value, tick->n);
+    char *text = NULL;
+    int64_t revision = 0;
+    int rc = experiment_text(store, &text, &revision, why);
+    bool made = true;
+    const bool known = rc > 0 && parse_built_in(&e, text);
+    rc = rc < 0 ? rc : 0;
+    for (size_t i = 0; i < e.n_controllers && known && rc == 0; i++)
+        if (strcmp(e.controllers[i].name, name) == 0 &&
+            (rc = module_controller(&e, &e.controllers[i], false, &core, why)) == 0)
+            made = has_mark(core, tick->value, tick->n);
     apc_controller_destroy(core);
-    return made;
+    experiment_free(&e);
+    free(text);
+    return rc < 0 ? rc : made;
 }
 
 /* The description, not newer than @p newest, with which the row of controller @p number was made. */

@@ -381,10 +381,10 @@ int season_replay(struct season *s, apc_ns since, apc_ns until, struct apc_error
 void season_add(struct season *to, const struct season_controller *controller,
                 const struct season_loop *loop);
 void season_close(struct season *s);
-/* Was a tick row, of which the first two numbers are there, made by that controller as @p e has it: its law, its settings,
- * its model? Returns 1, 0 or an error. */
-int simulation_made_by(const struct experiment *e, const struct controller *c, const struct apc_vector *tick,
-                       struct apc_error *why);
+/* Was the tick row of that controller, of which the first two numbers are there, made as the store describes it: by its
+ * law, its settings, its model? What nobody can tell, as of a law of the user's own, is: 1. Returns 1, 0 or an error. */
+int simulation_as_described(struct apc_store *store, const char *name, const struct apc_vector *tick,
+                            struct apc_error *why);
 
 /* ---- Why a tick differs ---------------------------------------------------------------------- */
 

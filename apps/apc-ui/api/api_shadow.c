@@ -179,28 +179,20 @@ struct promotion_order {
     const char *to, *from;
 };
 
-/* Does it run as the plant is described, model and all? What nobody can tell here, as of a law of the user's own, is no
- * reason to refuse it. */
 static bool is_as_described(struct request *r, struct apc_store *store, const struct promotion *p)
 {
-    struct experiment e = {0};
-    struct apc_error why = {0};
-    const struct controller *c = NULL;
-    int rc = 1;
+    struct apc_error reason;
+    struct change_fault why;
+    const int rc = simulation_as_described(store, p->to->name, &p->tick, &reason);
 
-    if (!request_experiment(r, &e, store) && !strcmp(r->fault.code, "loop"))
-        r->fault = (struct fault){0};
-    else if (!r->fault.http && find_shadow(r, &e, p->to->name, &c)) {
-        rc = simulation_made_by(&e, c, &p->tick, &why);
-        if (rc < 0)
-            fault_set(&r->fault, 422, "loop", "controller", "%s", why.text);
-        else if (rc == 0)
-            fault_set(&r->fault, 409, "stale", "controller",
-                      "%s runs with another law, other settings or another model than the plant is described "
-                      "with: start it anew. Nothing was written",
-                      p->to->name);
+    if (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_ESTORE || rc == APC_ENOMEM)
+        fault_store(r, rc, store);
+    else if (rc < 0)
+        fault_set(&r->fault, 422, "loop", "controller", "%s", reason.text);
+    else if (rc == 0) {
+        promotion_stale(p, &why);
+        fault_change(r, &why, "controller");
     }
-    experiment_free(&e);
     return !r->fault.http;
 }
 
@@ -223,9 +215,8 @@ static bool may_promote(struct ui *ui, struct request *r, struct apc_store *stor
         promotion_silent(p, &why);
         return fault_change(r, &why, "controller");
     }
-    if (p->target.seq == 0 || p->target.value == (double)APC_MODE_OOS)
-        return fault_set(&r->fault, 409, "mode", "controller",
-                         "%s is out of service: nobody would act. Nothing was written", p->to->name);
+    if (promotion_in_service(p, &why) < 0)
+        return fault_change(r, &why, "controller");
     return is_as_described(r, store, p);
 }
 

@@ -5,6 +5,7 @@
 
 #include "apc/common/print.h"
 #include "operate.h"
+#include "simulation/simulation.h"
 
 #define GRACE APC_NS_PER_S
 
@@ -34,6 +35,20 @@ static int await_tick(const struct cli *cli, struct apc_store *store, struct pro
         rc = promotion_look(p, store);
     }
     return rc < 0 ? cli_store_error(cli, rc, store) : EXIT_OK;
+}
+
+/* May it act, if it ticks? */
+static int check_promotion(const struct cli *cli, struct apc_store *store, const struct promotion *p)
+{
+    struct change_fault why;
+    struct apc_error reason;
+    int rc = promotion_in_service(p, &why);
+    const int made = rc == 0 ? simulation_as_described(store, p->to->name, &p->tick, &reason) : 1;
+    if (made < 0)
+        return cli_error(cli, made, "%s", reason.text);
+    if (made == 0)
+        rc = promotion_stale(p, &why);
+    return rc < 0 ? cli_error(cli, rc, "%s; --no-wait writes it all the same", why.text) : EXIT_OK;
 }
 
 static int await_turn(const struct cli *cli, struct apc_store *store, struct promotion *p, apc_ns patience)
@@ -94,6 +109,8 @@ static int promote(const struct cli *cli, struct apc_store *store, const struct 
         return EXIT_OK;
     }
     rc = cli->no_wait ? EXIT_OK : await_tick(cli, store, &p, patience);
+    if (rc == EXIT_OK && !cli->no_wait)
+        rc = check_promotion(cli, store, &p);
     if (rc == EXIT_OK && (rc = write_promotion(cli, store, &p)) == EXIT_OK) {
         rc = cli->no_wait ? EXIT_OK : await_turn(cli, store, &p, patience);
         puts(rc == EXIT_OK && !cli->no_wait ? " (applied)" : "");

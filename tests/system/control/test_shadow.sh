@@ -55,6 +55,14 @@ until_true 30 settled
 
 # promoted, it takes the output where it is
 expect 1 'there is no controller "tryal": did you mean "trial"' "$apc" promote tryal
+expect 0 'applied' "$apc" mode trial.u oos
+expect 4 'trial is out of service: nobody would act' "$apc" promote trial
+expect 0 '' "$apc" mode trial.u auto --no-wait
+sed '/name = "trial"/s/"pi"/"pid"/' "$work/shadow.conf" >"$work/other.conf"
+"$apc" init "$work/other.conf" >/dev/null
+expect 4 'trial runs with another law, other settings or another model than the plant is described with' "$apc" promote trial
+"$apc" init "$work/shadow.conf" >/dev/null
+mode 1 1 || fail "what was refused was written"
 expect 0 '^promoted: first -> trial \(applied\)$' "$apc" promote trial
 expect 0 '^trial acts already$' "$apc" promote trial
 mode 2 1 || fail "trial does not act"
