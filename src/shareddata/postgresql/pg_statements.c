@@ -80,12 +80,12 @@
  * the times are gone through once for all of them, and no key is.
  */
 #define WITHIN(table)                                                                                        \
-    "WITH found AS MATERIALIZED (SELECT DISTINCT ON (id) id, seq, time, status, value" MORE                  \
-            " FROM " table " WHERE id + 0 = ANY ($1::int4[]) AND time >= $2::timestamptz "                   \
-            "AND time < $3::timestamptz ORDER BY id, seq DESC) "                                             \
-            "SELECT seq, time, status, value" MORE ", NULL::bytea AS data, id::int8, "                       \
-            "(SELECT count(*) FROM " table " AS next WHERE next.id = found.id AND next.seq = found.seq + 1 " \
-            "AND next.time >= $2::timestamptz AND next.time < $4::timestamptz) FROM found"
+    "WITH found AS MATERIALIZED (SELECT DISTINCT ON (id) id, seq, time, status, value" MORE " FROM " table   \
+    " WHERE id + 0 = ANY ($1::int4[]) AND time >= $2::timestamptz "                                          \
+    "AND time < $3::timestamptz ORDER BY id, seq DESC) "                                                     \
+    "SELECT seq, time, status, value" MORE ", NULL::bytea AS data, id::int8, "                               \
+    "(SELECT count(*) FROM " table " AS next WHERE next.id = found.id AND next.seq = found.seq + 1 "         \
+    "AND next.time >= $2::timestamptz AND next.time < $4::timestamptz) FROM found"
 /* Of each, the last chunk that reaches into these times. */
 #define WITHIN_CHUNKS(table)                                                                                 \
     " UNION ALL SELECT last, NULL, NULL, NULL, NULL, NULL, data, id, 0 FROM (SELECT DISTINCT ON (id) "       \
