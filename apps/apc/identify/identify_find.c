@@ -242,8 +242,9 @@ static double prior_apart(const struct finding *f, size_t i)
 {
     const struct apc_prior *prior = &f->prior[i], *alone = &f->alone[i];
 
-    return alone->deviation > 0.0 ? (prior->mean - alone->mean) / hypot(prior->deviation, alone->deviation)
-                                  : (double)NAN;
+    return alone->deviation > 0.0
+               ? (prior->mean - alone->mean) / apc_hypot(prior->deviation, alone->deviation)
+               : (double)NAN;
 }
 
 static int find_parameters(struct finding *f, struct apc_error *why)

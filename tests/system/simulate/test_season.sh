@@ -135,7 +135,7 @@ for part in "--since 2000-01-01T00:00:40Z" "--since 2000-01-01T00:01:00Z --until
   python3 -c 'import json
 part = json.load(open("part.json"))["runs"][0]
 assert part["unchanged_apart"] == 0 and part["since"] >= 946684840 and ".tuning." not in part["notes"], part
-assert any("4 ticks are not on record" in note for note in part["notes"]) and any("wrote 1 values" in note for note in part["notes"]), part
+assert any("4 ticks are not on record" in note for note in part["notes"]) and any("wrote 1 tuning values" in note for note in part["notes"]), part
 assert part["loops"][0]["iae"]["recorded"] > 0 and part["loops"][0]["iae"]["otherwise"] > 0, part' || fail "$part of a run is another: $(cat part.json)"
 done
 for part in "--since 2000-01-02" "--until 1999-12-31" "--until 1700-01-01"; do
