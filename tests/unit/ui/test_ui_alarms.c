@@ -346,6 +346,19 @@ static void what_is_acknowledged_is_confirmed_and_on_record(void **state)
     assert_true(answered("\"state\":\"applied\""));
 }
 
+/* The journal, once that is evaluated. */
+static void acknowledged_because(const char *reason)
+{
+    struct alarm_journal journal;
+    evaluate();
+    assert_non_null(strstr(ask_text(get_alarm_journal), "Acknowledged Active"));
+    assert_int_equal(alarm_journal_load(&journal, store, 2, NULL), 0);
+    assert_int_equal(alarm_journal_reasons(&journal, store, &ui->desk[DESK_PAST].board.e), 0);
+    assert_int_equal(journal.n, 2);
+    assert_string_equal(journal.at[1].reason, reason);
+    alarm_journal_free(&journal);
+}
+
 /* Promise(page/alarm-acknowledged) */
 static void a_reason_is_on_record(void **state)
 {
@@ -355,14 +368,7 @@ static void a_reason_is_on_record(void **state)
     assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"reason\":\"valve 3 stuck\"}"), 200);
     assert_true(apc_store_events(store, NULL, last_event, &event) >= 1);
     assert_string_equal(event.text, "y.high: acknowledged (from 10.0.0.7): valve 3 stuck");
-    evaluate();
-    struct alarm_journal journal;
-    assert_non_null(strstr(ask_text(get_alarm_journal), "Acknowledged Active"));
-    assert_int_equal(alarm_journal_load(&journal, store, 2, NULL), 0);
-    assert_int_equal(alarm_journal_reasons(&journal, store, &ui->desk[DESK_PAST].board.e), 0);
-    assert_int_equal(journal.n, 2);
-    assert_string_equal(journal.at[1].reason, "valve 3 stuck");
-    alarm_journal_free(&journal);
+    acknowledged_because("valve 3 stuck");
 }
 
 /* As `apc alarm` records it, in brackets, whatever is in it. */
@@ -373,18 +379,11 @@ static void a_reason_may_look_like_an_address(void **state)
                                    .kind = "operator",
                                    .source = "local",
                                    .text = "y.high: acknowledged (as told (from Max): now)"};
-    struct alarm_journal journal;
     (void)state;
     measured(20);
     assert_int_equal(apc_store_append_events(store, &told, 1), 1);
     assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1}"), 200);
-    evaluate();
-    assert_non_null(strstr(ask_text(get_alarm_journal), "Acknowledged Active"));
-    assert_int_equal(alarm_journal_load(&journal, store, 2, NULL), 0);
-    assert_int_equal(alarm_journal_reasons(&journal, store, &ui->desk[DESK_PAST].board.e), 0);
-    assert_int_equal(journal.n, 2);
-    assert_string_equal(journal.at[1].reason, "as told (from Max): now");
-    alarm_journal_free(&journal);
+    acknowledged_because("as told (from Max): now");
 }
 
 /* Promise(alarms/acknowledge-once-told) */
