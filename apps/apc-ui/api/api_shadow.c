@@ -73,10 +73,10 @@ static size_t collect_curve(const struct samples *all, enum apc_table table, int
     return n;
 }
 
-/* |r - y| over time, of the rows of both as they stand. */
+/* |r - y| over time, of the rows of both as they stand; NAN: there is no time with both. */
 static double shadow_iae(const struct samples *all, const struct loops_loop *loop, apc_ns since)
 {
-    double r = (double)NAN, y = (double)NAN, iae = 0.0;
+    double r = (double)NAN, y = (double)NAN, iae = (double)NAN;
     apc_ns last = since;
 
     for (size_t i = 0; i < all->n; i++) {
@@ -87,7 +87,8 @@ static double shadow_iae(const struct samples *all, const struct loops_loop *loo
         if (row->table != APC_SENSOR || row->id != loop->measurement)
             continue;
         if (row->time > since && isfinite(r) && isfinite(y))
-            iae += fabs(r - y) * apc_ns_to_s(row->time - (last > since ? last : since));
+            iae = (isnan(iae) ? 0.0 : iae) +
+                  fabs(r - y) * apc_ns_to_s(row->time - (last > since ? last : since));
         last = row->time;
         y = row->value;
     }
@@ -101,11 +102,7 @@ static void shadow_side_json(const struct shadowing *s, const char *name, const 
     const apc_ns since = s->closed.since;
     size_t n = 0;
 
-    json_add(t, "%s:{", name);
-    if (loop->measurement && loop->setpoint)
-        json_add(t, "iae:%.6g,", shadow_iae(all, loop, since));
-    else
-        json_add(t, "iae:null,");
+    json_add(t, "%s:{iae:%.6g,", name, shadow_iae(all, loop, since));
     if (time && loop->measurement)
         n = collect_curve(all, APC_SENSOR, loop->measurement, since, time, value);
     curve_json("y", time, 0.0, value, n, t);
