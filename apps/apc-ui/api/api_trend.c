@@ -19,7 +19,7 @@
 #define TRENDS_MAX      (4 << 20)
 #define SIGNALS_MAX     12
 #define TREND_NAME_MAX  160 /* bytes: 40 characters of any language */
-#define SIGNAL_NAME_MAX 508
+#define SIGNAL_NAME_MAX 127 /* bytes: no name is longer */
 
 static const char *const shared[] = {"user", "role", "plant"};
 
