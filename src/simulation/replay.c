@@ -662,11 +662,14 @@ int replay_virtual(struct replay *r)
 {
     struct experiment e;
     struct simulation s;
+    struct samples written = {0};
     struct apc_error why = {""};
     int rc = experiment_load(&e, r->e.file, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &r->why);
     if (rc < 0)
         return rc;
     rc = simulation_create(&s, &e, e.seed, &why);
+    if (rc == 0 && (rc = simulation_written(&e, &written, &why)) >= 0)
+        rc = simulation_repeat_writes(&s, &written);
     if (rc == 0 && (rc = simulation_run(&s, e.duration)) < 0)
         why = s.why;
     for (size_t i = 0; i < e.n_controllers && rc == 0; i++) {
@@ -679,6 +682,7 @@ int replay_virtual(struct replay *r)
     if (rc < 0 && why.text[0])
         r->why = why;
     simulation_destroy(&s);
+    samples_free(&written);
     experiment_free(&e);
     return rc;
 }

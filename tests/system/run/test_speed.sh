@@ -113,7 +113,7 @@ again "$work/going"
 
 # A ramp moves in virtual time too, of a setpoint and of an output in Man, and ends when anybody writes.
 # Promise(run/session): apc simulate RUN of a run of apc run --speed writes what people wrote at the same ticks, modes, tuning,
-#   ramps and undone writes among them: the samples are the same, bit for bit.
+#   ramps and undone writes among them: the samples are the same, bit for bit, as are the ticks of apc replay --virtual RUN.
 begin session --no-ui
 expect 0 '' "$apc" set --store "$store" r 12 # before the first tick
 speed step 12
@@ -139,6 +139,7 @@ grep -q 'r: the ramp arrived at 8"' "$work/session/events.csv" || fail "the ramp
 [ "$(awk -F, '$2 == "setpoint" && $3 == 1' "$work/session/samples.csv" | wc -l)" -gt 20 ] || fail "the setpoint made no steps"
 again "$work/session"
 expect 0 'r 12 -> 8 in 4 s' "$apc" simulate "$work/session"
+expect 0 'controller: 30 of 30 ticks the same bit for bit' "$apc" replay --virtual "$work/session"
 # What was simulated of it has it too; with another gain the same is done to another loop.
 expect 0 '' "$apc" simulate "$work/session" --report "$work/copy"
 again "$work/copy"
