@@ -282,13 +282,14 @@ do for [k = 1:panels] {
   predictions = 0
   do for [i = a:last(k)] {
     limits = limits || shows(i, least(i)) || shows(i, most(i))
-    sets = sets || (wanted(i) && !above(a))
+    sets = sets || (wanted(i) && points(i) && !above(a))
     helds = helds || (outputs(k) && limited(i))
     doubts = doubts || doubtful(i)
     predictions = predictions || expected(i)
     d = description[i]
     t = curves(k) == 1 ? (strlen(d) ? d : name[i]) : name[i].(described * letter < 480 && strlen(d) ? ': '.d : '')
-    if (!bundle(k) && curves(k) <= 8) { eval entry(sprintf("lw 1.7 lc rgb %d", colour(k, i - a))) }
+    if (!bundle(k) && curves(k) <= 8) { eval entry(points(i) ? sprintf("lw 1.7 lc rgb %d", colour(k, i - a)) \
+      : set_style.sprintf(" lc rgb %d", curves(k) == 1 ? 0 : colour(k, i - a))) }
   }
   if (bundle(k)) {
     t = name[a + worst(k)].(outputs(k) || curves(k) == 1 ? '' : ', largest error')

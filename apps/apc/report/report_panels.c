@@ -7,6 +7,7 @@
 #include "report_panels.h"
 
 #define LINES_MAX 40    /* of warnings and alarms; more would be a curtain */
+#define BINS      2000  /* of a long curve: more than the figure has pixels */
 #define NONE      1e305 /* beyond all values */
 
 /* The styles of vertical lines, in the order of report.gp. */
@@ -69,29 +70,60 @@ static bool has_doubtful(const struct report_series *series)
     return false;
 }
 
-/* Columns: t, value, value where a limit holds it back, value where it is not Good. An output and a setpoint
- * hold until the next one (@p gap 0); a Bad measurement is none, a Bad output still went out. Nobody knows
- * what was between two measurements that are farther apart than @p gap, in s. */
+/* A point with what came before it, or NULL. Columns: t, value, value where a limit holds it back, value where
+ * it is not Good. A Bad measurement (@p gap > 0) is none, a Bad output still went out. */
+static void put_point(FILE *script, const struct report_point *at, const struct report_point *before,
+                      double gap)
+{
+    const double doubtful = at->severity == APC_SEVERITY_GOOD ? (double)NAN : at->value;
+    if (gap > 0 && at->severity == APC_SEVERITY_BAD) {
+        fprintf(script, "%.9g NaN NaN %.9g\n", at->t, doubtful);
+        return;
+    }
+    if (gap > 0 && before && at->t - before->t > gap)
+        fputc('\n', script);
+    fprintf(script, "%.9g %.9g %.9g %.9g\n", at->t, at->value,
+            at->limited                 ? at->value
+            : before && before->limited ? before->value
+                                        : (double)NAN,
+            doubtful);
+}
+
+/* Where the points end that the figure cannot show apart from point @p k: of one bin of time and one quality,
+ * without a gap. */
+static size_t end_of_bin(const struct report_series *series, size_t k, double bin, double gap)
+{
+    const struct report_point *first = &series->points[k], *at = first + 1;
+    const struct report_point *end = series->points + series->n;
+    while (at < end && at->t - first->t < bin && at->limited == first->limited &&
+           at->severity == first->severity && (gap <= 0 || at->t - at[-1].t <= gap))
+        at++;
+    return (size_t)(at - series->points);
+}
+
+/* Of a long series the first, last, lowest and highest point of each bin. An output and a setpoint hold until
+ * the next one (@p gap 0). Nobody knows what was between two measurements that are farther apart than @p gap,
+ * in s. */
 static void put_series(FILE *script, const char *name, size_t i, const struct report_series *series,
                        double end, double gap)
 {
+    const size_t n = series ? series->n : 0;
+    const double bin = n > 4 * BINS ? (series->points[n - 1].t - series->points[0].t) / BINS : 0;
     const struct report_point *before = NULL;
     fprintf(script, "$%s%zu << END\n", name, i + 1);
-    for (size_t k = 0; series && k < series->n; k++) {
-        const struct report_point *at = &series->points[k];
-        const double doubtful = at->severity == APC_SEVERITY_GOOD ? (double)NAN : at->value;
-        if (gap > 0 && at->severity == APC_SEVERITY_BAD) {
-            fprintf(script, "%.9g NaN NaN %.9g\n", at->t, doubtful);
-            continue;
+    for (size_t first = 0, next; first < n; first = next) {
+        size_t low = first, high = first;
+        next = end_of_bin(series, first, bin, gap);
+        for (size_t k = first; k < next; k++) {
+            low = series->points[k].value < series->points[low].value ? k : low;
+            high = series->points[k].value > series->points[high].value ? k : high;
         }
-        if (gap > 0 && before && at->t - before->t > gap)
-            fputc('\n', script);
-        fprintf(script, "%.9g %.9g %.9g %.9g\n", at->t, at->value,
-                at->limited                 ? at->value
-                : before && before->limited ? before->value
-                                            : (double)NAN,
-                doubtful);
-        before = at;
+        for (size_t k = first; k < next; k++)
+            if (k == first || k == low || k == high || k == next - 1) {
+                const struct report_point *at = &series->points[k];
+                put_point(script, at, k == first ? before : at - 1, gap);
+                before = gap > 0 && at->severity == APC_SEVERITY_BAD ? before : at;
+            }
     }
     if (gap <= 0 && before)
         fprintf(script, "%.9g %.9g NaN NaN\n", end, before->value);

@@ -124,6 +124,19 @@ expect 1 'delays.csv:2: a bin from 0.02 to 0.01 that counts 3' "$apc" simulate "
 expect 0 'u +300 +300 +0 +0 +0\.0000' "$apc" replay "$work/clean" --tolerance 0
 expect 1 'u differs by' "$apc" replay "$work/clean" --law "$APC_BUILD_DIR/examples/mylaw.so" --tolerance 0.01
 
+# Promise(run): A figure of many samples stays small, and draws each spike.
+"$apc" simulate "$conf" --duration 20000 --report "$work/long" >/dev/null
+awk -F, -v OFS=, '$1 == "10000.000000" && $2 == "sensor" { $5 = 90 } { print }' "$work/long/samples.csv" >"$work/spike.csv"
+rm "$work/long/samples.columns"
+mv "$work/spike.csv" "$work/long/samples.csv"
+"$apc" report "$work/long" >/dev/null
+[ "$(wc -c <"$work/long/report.svg")" -lt 1000000 ] || fail "a figure of 50 000 samples has $(wc -c <"$work/long/report.svg") bytes"
+python3 - "$work/long/report.svg" <<'END' || fail "the figure has no spike"
+import re, sys
+paths = [[float(y) for y in re.findall(r"[ML ][-0-9.]+,([-0-9.]+)", d)] for d in re.findall(r"<path[^>]* d='([^']*)'", open(sys.argv[1]).read())]
+sys.exit(not any(len(ys) > 500 and min(ys) < sorted(ys)[1] - 50 for ys in paths))
+END
+
 # ---- What the figures are of
 
 # Of a plant that nobody reaches the error is that of standing still, not none; the longer without control, the worse.
