@@ -59,7 +59,8 @@ python3 "$shown" "$work/tuning.md" >"$work/tuning.log" || fail "docs/tuning.md s
 # What they only type is taken: matrices, certificates, and campaigns, cut short.
 ln -s experiments/four-tank.conf .
 {
-  typed docs/plants.md 'apc|cp'
+  typed docs/plants.md apc
+  typed docs/models.md 'cp|apc (simulate|linearize|export)'
   typed docs/tls.md 'apc cert'
   typed docs/simulate.md 'apc simulate'
   typed docs/tuning.md 'apc optimize'

@@ -216,9 +216,10 @@ held found.csv tau 10
 near "its dead time from the exchange on" "$(sed -n 's/^dead_time,3,\([^,]*\).*/\1/p' found.csv)" 5.1 0.02 # the plant has 5, and a period of 0.1
 
 [ -s found.svg ] || fail "--find draws nothing"
-# docs/tuning.md, of this plant
+# docs/tuning.md and docs/models.md, of this plant
 # Types(docs/tuning.md): apc identify
-as_typed() { typed docs/tuning.md "apc identify $1" | sed "s/$1/$2/; s/g1,g2,k1/K,tau/; s/v1,v2/u/; s/y1,y2/y/; s/tanks.conf/guessed.conf/; s/h1,h2/x/"; }
+# Types(docs/models.md): apc identify
+as_typed() { { typed docs/tuning.md "apc identify $1" && typed docs/models.md "apc identify $1"; } | sed "s/$1/$2/; s/g1,g2,k1/K,tau/; s/v1,v2/u/; s/y1,y2/y/; s/tanks.conf/guessed.conf/; s/h1,h2/x/"; }
 expect 0 'first-order of run, with 95 % intervals' env PATH="$APC_BIN:$PATH" bash -c "$(as_typed tanks-test run)"
 expect 0 'to try: apc simulate FILE --set plant.parameters.K=' "$apc" identify run run@..200 --find K
 awk -F, 'NR > 1 && ($2 == "sensor" || $2 == "actuator") && $3 == 1 { v[$2] = $5; if ($2 == "sensor") print $1 "," v["actuator"] "," $5 }' run/samples.csv |
