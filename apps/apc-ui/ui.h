@@ -310,7 +310,8 @@ void model_behind(struct model *m, const struct behind *now);
 void behind_json(const struct model *m, struct text *t); /* locked */
 
 /* ---- plant/simulated.c ---- */
-void model_look_simulated(struct model *m, struct apc_store *store);
+/* Returns whether it goes back, or its simulation is about to begin. */
+bool model_look_simulated(struct model *m, struct apc_store *store);
 /* store_simulated(); one that begins, once somebody has gone back, is that of the simulated plant already. */
 int model_simulated(struct model *m, struct apc_store *store, struct apc_store_clock *clock,
                     struct apc_error *why);

@@ -97,7 +97,7 @@ void post_speed(struct ui *ui, struct request *r, struct apc_store *store)
         set_asked_speed(ui, r, &o, store);
     if (r->fault.http)
         return;
-    model_look_simulated(&ui->model, store);
+    (void)model_look_simulated(&ui->model, store);
     pthread_mutex_lock(&ui->model.mutex);
     simulated_json(&ui->model, &r->reply);
     pthread_mutex_unlock(&ui->model.mutex);

@@ -13,6 +13,7 @@
 #include "daemon/recorder.h"
 
 #define LOOK       APC_NS_PER_S
+#define SOON       (50 * APC_NS_PER_MS) /* people wait for a plant that goes back */
 #define RECENT     64 /* events that are asked for first; more where the newest known is not among them ... */
 #define MOST       65536               /* ... up to these */
 #define FIRST      8192                /* of the first look, for what stands */
@@ -344,10 +345,10 @@ static bool is_described(struct ui *ui)
 
 /* ------------------------------------------------------------------------------------------- */
 
-static int look_for_records(struct records *r, unsigned looks)
+static int look_for_records(struct records *r, unsigned looks, apc_ns *rest)
 {
     int rc = audit_flush(r->ui, r->store);
-    model_look_simulated(&r->ui->model, r->store);
+    *rest = model_look_simulated(&r->ui->model, r->store) ? SOON : LOOK;
     if (rc >= 0)
         rc = look_events(r);
     if (rc >= 0)
@@ -372,14 +373,15 @@ void *records_thread(void *arg)
         return NULL;
     for (unsigned looks = 1; !r.ui->stopping; looks++) {
         r.ui->round[1] = apc_clock_mono(NULL);
-        int rc = look_for_records(&r, looks);
+        apc_ns rest;
+        int rc = look_for_records(&r, looks, &rest);
         if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && !said)
             apc_log_write(r.ui->log, APC_LOG_WARN, "events and timing cannot be read: %s",
                           apc_store_error(r.store));
         said = rc < 0;
         look_spools(r.ui);
         ui_look_users(r.ui, users_damaged);
-        ui_pause(r.ui, LOOK);
+        ui_pause(r.ui, rest);
     }
     audit_flush(r.ui, r.store);
     apc_store_close(r.store);

@@ -6,7 +6,7 @@
 
 #include "common/storeuri.h"
 
-void model_look_simulated(struct model *m, struct apc_store *store)
+bool model_look_simulated(struct model *m, struct apc_store *store)
 {
     struct simulated_plant now = {.state = 0};
     struct apc_error why = {""};
@@ -17,6 +17,7 @@ void model_look_simulated(struct model *m, struct apc_store *store)
     now.rewound = m->simulated.rewound || now.latest < m->simulated.latest;
     m->simulated = now;
     pthread_mutex_unlock(&m->mutex);
+    return now.state < 0 && now.clock.reached < 0;
 }
 
 int model_simulated(struct model *m, struct apc_store *store, struct apc_store_clock *clock,
