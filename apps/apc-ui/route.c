@@ -33,10 +33,12 @@ const struct route routes[] = {
      "what other settings of an alarm would have given"},
     {"GET", "/api/kpis", ROLE_OBSERVER, PAST, get_kpis, "since until", "what the controllers were worth"},
     {"GET", "/api/health", ROLE_OBSERVER, COMPUTED, get_health, "since until", "which loops need somebody"},
-    {"GET", "/api/model", ROLE_ENGINEER, COMPUTED, get_model, "inputs outputs since until",
+    {"GET", "/api/model", ROLE_ENGINEER, COMPUTED, get_model, "inputs outputs since until windows order",
      "step responses of the plant, from its record"},
     {"GET", "/api/preview", ROLE_ENGINEER, PAST, get_preview,
-     "loop gain zero tau1 tau2 dead_time integrating rule tau_c Kp tau_i tau_d",
+     "loop gain zero tau1 tau2 dead_time gain_error zero_error tau1_error tau2_error dead_time_error "
+     "integrating "
+     "rule tau_c Kp tau_i tau_d",
      "what a loop would do with other tuning"},
     {"GET", "/api/shadow", ROLE_ENGINEER, COMPUTED, get_shadow, "controller since until",
      "what a controller in shadow would have done"},

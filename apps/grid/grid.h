@@ -80,4 +80,10 @@ struct grid_source {
 int grid_read(struct identify_data *data, const struct grid_source *from,
               const struct identify_selection *selection, struct apc_error *why);
 
+/* Records data[n] with the same signals and period, one behind the other; they remain the caller's. Returns 0 or
+ * APC_ENOMEM; identify_data_free() of both. */
+int grid_join(struct identify_data *to, const struct identify_data *data, size_t n);
+/* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
+int grid_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
+
 #endif

@@ -87,6 +87,17 @@ void linear_cost_free(struct linear_cost *c);
 int linear_margins_of_pid(const struct apc_transfer *g, const struct apc_pid_tuning *t, double Ts,
                           struct apc_margins *margins, struct apc_error *why);
 
+#define LINEAR_WORST_OF 50
+struct linear_worst {
+    struct apc_transfer
+        g;           /* with which the tuning does worst: it is unstable, or its sensitivity is the largest */
+    size_t unstable; /* with so many of them */
+};
+/* Of LINEAR_WORST_OF models that are drawn with standard errors @p error around @p g, each number by itself; NAN: the
+ * record does not tell it. Returns 0 or a negative error. */
+int linear_worst(struct linear_worst *w, const struct apc_transfer *g, const struct apc_transfer *error,
+                 const struct apc_pid_tuning *t, double Ts, struct apc_error *why);
+
 /* The share of draws that are @x at most. */
 double distribution_below(const struct apc_distribution *d, double x);
 

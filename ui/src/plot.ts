@@ -16,6 +16,13 @@ export interface Line {
   step?: boolean;
 }
 
+/** A time that something is said of. */
+export interface Band {
+  since: number;
+  until: number;
+  colour: string;
+}
+
 export interface PlotOptions {
   lines: Line[];
   spans?: () => {colour: string; dash: number[]; curve: Series}[]; // of each point of a bin, from its least to its most value
@@ -29,6 +36,7 @@ export interface PlotOptions {
   sync?: string;
   now?: () => number | undefined; // a line there
   reference?: () => number | null; // another, of dashes
+  bands?: () => Band[]; // shaded
   marks?: () => Pick<Mark, "t" | "priority">[]; // at the upper edge
   onPick?: (t: number) => void; // a press that selects nothing
   onSelect?: ((from: number, to: number) => void) | null;
@@ -114,6 +122,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
       ],
       draw: [
         u => {
+          for (const one of o.bands?.() ?? []) shade(u, one);
           for (const one of o.spans?.() ?? []) between(u, one.curve, one.colour, one.dash);
           upright(u, o.now?.() ?? null, "--label", []);
           upright(u, o.reference?.() ?? null, "--focus", [5, 4]);
@@ -162,6 +171,16 @@ function upright(u: uPlot, t: number | null, of: string, dash: number[]): void {
   u.ctx.moveTo(x, u.bbox.top);
   u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
   u.ctx.stroke();
+  u.ctx.restore();
+}
+
+/** So that what is drawn there can still be seen. */
+function shade(u: uPlot, {since, until, colour: of}: Band): void {
+  const [left, right] = [since, until].map(t => Math.min(Math.max(u.valToPos(t, "x", true), u.bbox.left), u.bbox.left + u.bbox.width)) as [number, number];
+  u.ctx.save();
+  u.ctx.globalAlpha = 0.2;
+  u.ctx.fillStyle = colour(of);
+  u.ctx.fillRect(left, u.bbox.top, right - left, u.bbox.height);
   u.ctx.restore();
 }
 

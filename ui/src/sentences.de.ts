@@ -111,6 +111,7 @@ export const sentences: Record<string, string> = {
   "{=}: {=} of {=} measurements were Bad, and are so again": "{1}: {2} von {3} Messwerten waren schlecht und sind es wieder",
   "{=}: measurements lack in {=} places, in one for {=} s: there what acted before and after is taken to have acted": "{1}: Messwerte fehlen an {2} Stellen, an einer für {3} s: angenommen ist dort, was davor und danach gewirkt hat",
   "people wrote {=} tuning values meanwhile: with another tuning none of them is written": "inzwischen haben Personen {1} Parameter geschrieben: mit anderer Einstellung wird davon keiner geschrieben",
+  "\"windows\" must be SINCE..UNTIL with a comma between, {=} at most, one after the other": "„windows“ muss VON..BIS sein, mit Komma dazwischen, höchstens {1}, eines nach dem anderen",
   "more than {=} rows: ask for less time at once": "mehr als {1} Zeilen: einen kürzeren Zeitraum wählen",
   "more than {=} values at once": "mehr als {1} Werte auf einmal",
   "it has more than {=} values: {}": "es sind mehr als {1} Werte: {2}",

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Panels over one time axis; in each its lines, and of what was binned all that lay between.
 import uPlot from "uplot";
-import {LEAST_ROOM, type Line, plot} from "./plot";
+import {type Band, LEAST_ROOM, type Line, plot} from "./plot";
 import type {Pen} from "./core/trend";
 import type {Mark} from "./core/marks";
 import type {Scale} from "./core/scale";
@@ -26,6 +26,7 @@ export interface TrendData {
   now?: number; // where what was ends and what is expected begins
   reference?: number | null; // from where differences are told
   marks?: Pick<Mark, "t" | "priority">[];
+  bands?: Band[];
   scales: Scale[]; // of each panel
 }
 
@@ -72,6 +73,7 @@ export class TrendChart {
         sync: "trend",
         now: () => this.data.now,
         reference: () => this.data.reference ?? null,
+        bands: () => this.data.bands ?? [],
         marks: () => (i === 0 ? (this.data.marks ?? []) : []),
         onPick,
         onSelect,

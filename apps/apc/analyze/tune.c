@@ -11,8 +11,9 @@
 static void check_tune_options(void *input, const struct argp_state *state)
 {
     const struct suggest_options *o = input;
-    if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force))
-        argp_error(state, "--model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
+    if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force || o->closed))
+        argp_error(state,
+                   "--closed, --model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
     if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
         argp_error(state, "--tau-c goes with --rule simc or lambda");
 }
@@ -38,6 +39,11 @@ static const struct option_spec own_options[] = {
     {"tau-c", 0, "S",
      "Closed-loop time constant, in s, that simc and lambda aim at; default: the dead time. Longer is calmer",
      OPTION_NUMBER, AT(tau_c), .must = "be s, above 0"},
+    {"closed", 0, NULL,
+     "Also replay RUN in closed loop with what is suggested, against what disturbed it, as apc replay "
+     "--closed "
+     "does",
+     OPTION_FLAG, AT(closed)},
     {"apply", 0, NULL, "Write what is suggested, as one change", OPTION_FLAG, AT(apply)},
     {0},
 };

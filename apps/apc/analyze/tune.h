@@ -12,7 +12,7 @@ struct suggest_options {
     const char *model, *figure;
     enum suggest_rule rule;
     double tau_c; /* s; 0: the dead time */
-    bool apply, force;
+    bool apply, force, closed;
 };
 
 /* Transfer functions by the names of their signals; gain 0: there is none. */

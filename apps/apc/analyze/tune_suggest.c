@@ -13,6 +13,7 @@
 #include "apc/folder/kpi_window.h"
 #include "apc/identify/oscillation.h"
 #include "apc/report/gnuplot.h"
+#include "apc/simulate/closed_replay.h"
 #include "experiment/experiment.h"
 
 #define HORIZON 20 /* of the slowest that the loop has, a step is looked at for */
@@ -255,10 +256,27 @@ static void show_suggestion(const char *loop, const char *which, const struct ap
         puts("unstable");
 }
 
+/* With the worst of the models that the record allows. */
+static int show_worst(const char *output, const struct apc_transfer *g, const struct apc_transfer *error,
+                      const struct apc_pid_tuning *found, double Ts, struct apc_error *why)
+{
+    struct linear_worst worst;
+    struct answer a = {.y = NULL};
+    int rc = linear_worst(&worst, g, error, found, Ts, why);
+
+    if (rc == 0)
+        rc = check_suggested_loop(&worst.g, found, Ts, &a, why);
+    if (rc == 0)
+        show_suggestion(output, "worst", found, &a);
+    free(a.y);
+    return rc;
+}
+
 /* What the model says of it. */
 static int predict(struct suggesting *z, const char *output, const char *measurement,
-                   const struct apc_transfer *g, const struct apc_pid_tuning *present,
-                   const struct apc_pid_tuning *found, double Ts, struct apc_error *why)
+                   const struct apc_transfer *g, const struct apc_transfer *error,
+                   const struct apc_pid_tuning *present, const struct apc_pid_tuning *found, double Ts,
+                   struct apc_error *why)
 {
     struct drawing *d = &z->drawing[z->drawings++];
     int rc = check_suggested_loop(g, found, Ts, &d->then, why);
@@ -277,7 +295,7 @@ static int predict(struct suggesting *z, const char *output, const char *measure
     if (present->Kp != 0.0 && check_suggested_loop(g, present, Ts, &d->now, why) == 0)
         show_suggestion(output, "now", present, &d->now);
     show_suggestion(output, "then", found, &d->then);
-    return 0;
+    return z->o->model ? 0 : show_worst(output, g, error, found, Ts, why);
 }
 
 /* Is the model one to tune by? */
@@ -340,7 +358,7 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
         return rc;
     rc = find_suggested_tuning(z, g, by_relay ? &swings : NULL, tau_d && second, Ts, &found, why);
     if (rc == 0 && modelled) {
-        rc = predict(z, output, measurement, g, &present, &found, Ts, why);
+        rc = predict(z, output, measurement, g, error, &present, &found, Ts, why);
     } else if (rc == 0) {
         show_suggestion(output, "now", &present, NULL);
         show_suggestion(output, "then", &found, NULL);
@@ -477,6 +495,37 @@ static int draw_suggestions(struct suggesting *z, struct apc_error *why)
     return rc < 0 ? rc : gnuplot_figure(z->o->figure, figure_steps, put_step_responses, z, why);
 }
 
+/* ---- On the record --------------------------------------------------------------------------- */
+
+/* What is suggested against what disturbed the run, beside what was in force then. */
+static int show_on_record(const struct suggesting *z, const struct suggestion *s, struct apc_error *why)
+{
+    struct setting_text {
+        char path[APC_TAG_LEN + 16], value[32];
+    } *text = calloc(s->n + 1, sizeof *text);
+    struct experiment_setting *set = calloc(s->n + 1, sizeof *set);
+    const struct experiment_overrides overrides = {.set = set, .n_set = s->n};
+    struct replay_range run = {.until = INT64_MAX, .dir = z->o->run, .overrides = &overrides};
+    int rc = text && set ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
+
+    for (size_t i = 0; i < s->n && rc == 0; i++) {
+        snprintf(text[i].path, sizeof text[i].path, "controller%s.%s", z->e.n_controllers > 1 ? "s" : "",
+                 s->name[i]);
+        snprintf(text[i].value, sizeof text[i].value, "%.10g", s->value[i]);
+        set[i] = (struct experiment_setting){text[i].path, text[i].value};
+    }
+    if (rc == 0)
+        rc = replay_open_ticks(&run.store, z->o->run, why);
+    if (rc == 0) {
+        puts("in closed loop on this record, with all that is suggested:");
+        rc = closed_replay(z->o->run, &run, NULL, NULL, why);
+    }
+    apc_store_close(run.store);
+    free(text);
+    free(set);
+    return rc;
+}
+
 int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_error *why)
 {
     struct suggesting z = {.o = o};
@@ -499,6 +548,8 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
             printf(" %s=%.10g", s->name[i], s->value[i]);
         putchar('\n');
     }
+    if (rc == 0 && o->closed)
+        rc = show_on_record(&z, s, why);
     if (rc == 0 && o->figure)
         rc = draw_suggestions(&z, why);
     for (size_t i = 0; i < z.drawings; i++) {

@@ -280,7 +280,7 @@ static int find_candidate_models(struct identification *z)
     if (rc < 0)
         return cli_error(&z->cli, rc, "%s: %s", z->cli.args[0], why.text);
     z->fitted = z->own.validate ? n : (size_t)((double)n * z->own.share);
-    rc = identify_first(&z->data.record, z->fitted, &first, &memory);
+    rc = grid_first(&z->data.record, z->fitted, &first, &memory);
     for (int k = 0; k < KINDS && rc != APC_ENOMEM; k++) {
         struct identify_model *m = &z->model[k];
 

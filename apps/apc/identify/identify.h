@@ -71,8 +71,6 @@ struct identification {
 
 /* Read the arguments into data, and --validate into other. Returns an exit code, its reason told. */
 int identify_read_all(struct identification *z);
-/* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
-int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
 
 /* --find and --likelihood instead of models. Returns an exit code, its reason told. */
 int identify_find(struct identification *z);

@@ -16,15 +16,29 @@ near() { awk -v a="$2" -v b="$3" -v t="$4" 'BEGIN { d = a - b; exit !(d <= t && 
 "$apc" tune --suggest "$work/tested" >"$work/simc.txt"
 read -r Kp tau_i overshoot < <(awk '$1 == "u" && $2 == "then" { print $3, $4, $11 }' "$work/simc.txt")
 near Kp "$Kp" 0.111 0.012
+awk '$2 == "then" { ms = $9 } $2 == "worst" { worst = $9 } END { exit !(ms > 1 && worst >= ms && worst < 1.2 * ms) }' "$work/simc.txt" ||
+  fail "the worst model is not a little worse than the likely one: $(cat "$work/simc.txt")"
 near tau_i "$tau_i" 1 0.05
 "$apc" simulate "$work/fast.conf" --set controller.Kp="$Kp" --set controller.tau_i="$tau_i" --set measurements.y.noise=0 >"$work/simulated.txt"
 # Promise(identification/apc-tune-suggest-tunings)
 near "overshoot, predicted and simulated" "$(awk '/r 10 -> 20/ { print $9 }' "$work/simulated.txt")" "$overshoot" 3
 
+# ---- Proved on the record
+# Promise(identification/apc-tune-suggest-closed): `apc tune --suggest RUN --closed` shows what the suggested tuning would have done
+#   with the run, against what disturbed it.
+"$apc" simulate "$work/fast.conf" --report "$work/ran" >/dev/null
+"$apc" tune --suggest "$work/ran" --closed >"$work/closed.txt"
+settings=$(sed -n 's/^as written by --apply: apc tune //p' "$work/closed.txt" | sed 's/[^ ]*=/--set controller.&/g')
+# shellcheck disable=SC2086 # several words
+"$apc" replay "$work/ran" --closed $settings >"$work/replayed.txt"
+diff <(sed '1,/^in closed loop/d' "$work/closed.txt") "$work/replayed.txt" || fail "it is not what apc replay says"
+grep -Eq '^r? *y? *.*IAE .*less' "$work/replayed.txt" || fail "a calm loop gets no better: $(cat "$work/closed.txt")"
+
 # ---- From a model file, of an experiment file as well; and drawn
 # Promise(identification/apc-tune-suggest-tunings)
 
 "$apc" identify "$work/tested" --model transfer -o "$work/fast.model" >/dev/null
+expect 1 'fast.conf' "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --closed
 "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --tau-c 1.5 >"$work/calm.txt"
 awk '$2 == "then" && $3 < 0.07 { found = 1 } END { exit !found }' "$work/calm.txt" || fail "a longer tau_c is not calmer: $(cat "$work/calm.txt")"
 for rule in lambda relay; do

@@ -108,6 +108,50 @@ static void the_model_of_the_paper_is_found_in_its_record(void **state)
     json_decref(json);
 }
 
+static const char *windows_of(const double (*of)[2], size_t n)
+{
+    static char all[512];
+    size_t at = 0;
+    for (size_t i = 0; i < n; i++)
+        at += (size_t)snprintf(all + at, sizeof all - at, "%s%s..", i ? "," : "", since_begin(of[i][0])),
+            at += (size_t)snprintf(all + at, sizeof all - at, "%s", since_begin(of[i][1]));
+    return all;
+}
+
+/* A setpoint's step at 150, 300, 450 s; what lies between the windows has no part in it. */
+/* Promise(server/model/windows): Several windows of a record are fitted together, each around a point of its own,
+ *   with one or two lags if that is asked for. */
+static void several_windows_are_fitted_together(void **state)
+{
+    static const double good[][2] = {{10, 290}, {310, 640}},
+                        many[][2] = {{1, 2}, {2, 3}, {3, 4}, {4, 5}, {5, 6}, {6, 7}, {7, 8}, {8, 9}, {9, 10}};
+    static const double back[][2] = {{310, 640}, {10, 290}}, none[][2] = {{20, 10}};
+    (void)state;
+    simulate_paper("title", "title");
+    ask_query(
+        (const char *[]){"inputs", "u", "outputs", "y", "windows", windows_of(good, 2), "order", "1", NULL});
+    json_t *json = answered(get_model);
+    const json_t *cell = json_array_get(json_object_get(json, "cells"), 0);
+    assert_near(number_in(json, "records"), 2, 0);
+    assert_near(number_in(json, "samples"), (280 + 330) / number_in(json, "period"), 4);
+    assert_near(number_in(cell, "gain"), 10.0, 0.2);
+    assert_near(number_in(cell, "tau1"), 10.0, 0.5);
+    assert_near(number_in(cell, "tau2"), 0.0, 0.0);
+    assert_true(number_in(json_array_get(json_object_get(json, "outputs"), 0), "fit") > 90.0);
+    json_decref(json);
+    const struct {
+        const double (*of)[2];
+        size_t n;
+    } refused[] = {{many, 9}, {back, 2}, {none, 1}, {NULL, 0}};
+    for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
+        ask_query((const char *[]){"inputs", "u", "outputs", "y", "windows",
+                                   refused[i].n ? windows_of(refused[i].of, refused[i].n) : "now", NULL});
+        json_decref(ask(get_model));
+        assert_int_equal(request.fault.http, 422);
+        assert_non_null(strstr(request.fault.message, "\"windows\" must be SINCE..UNTIL"));
+    }
+}
+
 /* Promise(server/model) */
 static void a_record_that_cannot_tell_is_refused_with_the_reason(void **state)
 {
@@ -178,6 +222,36 @@ static void a_preview_is_what_the_loop_would_do(void **state)
     json_decref(json);
 }
 
+/* Promise(server/preview/worst): With standard errors of the model `GET /api/preview` shows the proposed tuning with the
+ *   worst of the models that they allow. */
+static void the_worst_of_the_models_is_shown(void **state)
+{
+    static const char *const errors[] = {"0.5", "4"}, *const late[] = {"0.1", "-1"};
+    (void)state;
+    simulate_paper("title", "title");
+    for (size_t i = 0; i < 2; i++) {
+        ask_query((const char *[]){"loop", "1", "gain", "10", "tau1", "10", "dead_time", "1",
+                                   "dead_time_error", late[i], "gain_error", errors[i], "Kp", "0.5", NULL});
+        json_t *json = answered(get_preview);
+        const json_t *worst = json_object_get(json, "worst"), *proposed = json_object_get(json, "proposed");
+        assert_near(number_in(json, "models"), 50, 0);
+        assert_int_equal(json_array_size(json_object_get(json_object_get(worst, "y"), "v")) > 0, 1);
+        if (i == 0) {
+            assert_near(number_in(json, "unstable"), 0, 0);
+            assert_true(number_in(worst, "sensitivity") > number_in(proposed, "sensitivity"));
+            assert_true(number_in(worst, "gain_margin") < number_in(proposed, "gain_margin"));
+        } else {
+            assert_true(number_in(json, "unstable") > 0);
+            assert_true(json_is_false(json_object_get(worst, "stable")));
+        }
+        json_decref(json);
+    }
+    ask_query(
+        (const char *[]){"loop", "1", "gain", "10", "tau1", "10", "Kp", "0.5", "gain_error", "-2", NULL});
+    json_decref(ask(get_preview));
+    assert_int_equal(request.fault.http, 400);
+}
+
 /* Promise(server/preview) */
 static void what_cannot_be_previewed_is_refused(void **state)
 {
@@ -220,8 +294,10 @@ int main(void)
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, simulated_down)
     const struct CMUnitTest tests[] = {
         TEST(the_model_of_the_paper_is_found_in_its_record),
+        TEST(several_windows_are_fitted_together),
         TEST(a_record_that_cannot_tell_is_refused_with_the_reason),
         TEST(a_preview_is_what_the_loop_would_do),
+        TEST(the_worst_of_the_models_is_shown),
         TEST(what_cannot_be_previewed_is_refused),
         TEST(a_store_without_an_experiment_has_no_preview),
     };

@@ -18,7 +18,7 @@ static struct ui *ui;
 static struct apc_store *store;
 static struct request request;
 static struct connection from = {.address = "10.0.0.7"};
-static const char *query[10]; /* name, value, ... */
+static const char *query[20]; /* name, value, ... */
 
 const char *request_query(const struct request *r, const char *name)
 {

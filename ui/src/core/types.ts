@@ -468,6 +468,7 @@ export interface PlantModel {
   until: number;
   period: number;
   samples: number;
+  records: number;
   inputs: string[];
   outputs: {name: string; fit: number | null; white: number | null; independent: number | null; missing: number; longest: number}[];
   cells: (Transfer & {input: string; output: string; integrating: boolean; error: {[name in keyof Transfer]: number | null}; step: number; response: number[]; half: number[]})[];
@@ -499,4 +500,7 @@ export interface Preview {
   suggested: PidTuning | null;
   present: Tried | null;
   proposed: Tried;
+  models: number; // that are as likely as this one; 0: it is certain
+  unstable: number; // with so many of them what is proposed is
+  worst: Tried | null; // what is proposed, with the worst of them
 }

@@ -5,30 +5,25 @@ import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {useBarNow} from "../access";
 import {get, post} from "../core/api";
-import {Curve} from "../core/curve";
 import {env} from "../core/env";
-import {clock, complaint, exact, fromUntil, missing, read} from "../core/format";
-import {holds} from "../core/history";
+import {clock, exact, fromUntil, missing} from "../core/format";
 import {control, events, live, microseconds, plant, second, serverNow, simulation, variable} from "../core/model";
 import {worth} from "../core/quality";
-import {align, held, visible} from "../core/series";
-import {extent} from "../core/scale";
-import {padded, titles} from "../core/trend";
-import type {Loop, PidTuning, Plant, PlantEvent, PlantModel, Preview, Shadowed, Transfer, Tried} from "../core/types";
+import type {Loop, PidTuning, Plant, PlantEvent, PlantModel, Preview, Shadowed, Tried} from "../core/types";
 import {forget, reason, send, slot} from "../core/writing";
+import {good, type Window} from "../core/windows";
+import {Curves} from "../parts/curves";
 import {Stroke} from "../parts/pens";
 import {Nothing} from "../parts/nothing";
 import {Reason} from "../parts/reason";
 import {Note} from "../parts/shape";
 import {WriteStatus} from "../parts/status";
 import {Tag} from "../parts/tag";
-import {type Line, plot} from "../plot";
 import {go} from "../router";
-import {onPrint, repaint} from "../theme";
-import {TrendChart, type TrendData} from "../trendchart";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
-import {described, said, tr} from "../core/texts";
+import {said, tr} from "../core/texts";
+import {Candidates, type Choice, type Found, Model, Numbers, Parts, Record, type Tuned} from "./workbenchmodel";
 
 const TIMES = [{name: "workbench.last10min", seconds: 600}, {name: "workbench.last1h", seconds: 3600}, {name: "workbench.last8h", seconds: 28800}] as const;
 const LATE = 120; // s that a model may take: another engineer's comes first
@@ -36,13 +31,9 @@ const SOON = 0.04; // s; what a slider passes on its way is not asked for
 const SIGNALS = 4; // of a model, as the server takes them
 const RULES = ["simc", "lambda", "relay"] as const;
 const TUNINGS = ["Kp", "tau_i", "tau_d"] as const;
-const NUMBERS = ["gain", "tau1", "tau2", "zero", "dead_time"] as const;
-const GOOD_FIT = 50; // %
+const CANDIDATES = 6; // as many as there are pens
 
-type Window = {since: number; until: number};
 type Name = (typeof TUNINGS)[number];
-type Cell = PlantModel["cells"][number];
-const none: Transfer & {integrating: boolean} = {gain: 0, zero: 0, tau1: 0, tau2: 0, dead_time: 0, integrating: false};
 
 /** Where its parameter of that name is. */
 const tuningOf = (loop: Loop, name: Name): string | undefined => loop.tuning[loop.parameters.indexOf(name)];
@@ -75,27 +66,52 @@ export function WorkbenchPage({about}: {about: string | null}): JSX.Element {
   );
 }
 
+/** The model that somebody has locked for the loop, in this browser. */
+function keptModel(name: string): Tuned | null {
+  try {
+    const of = JSON.parse(env.recall(name) ?? "null") as Tuned | null;
+    const {gain, zero, tau1, tau2, dead_time} = of ?? {};
+    return of && [gain, zero, tau1, tau2, dead_time].every(Number.isFinite) && typeof of.integrating === "boolean" ? of : null;
+  } catch {
+    return null;
+  }
+}
+
 function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const name = (ref: string | null): string => variable(ref)?.name ?? "";
   const [output, measurement] = [name(loop.output), name(loop.measurement)];
-  const [within, setWindow] = useState<Window>(() => now(600));
+  const kept = `workbench ${p.name} ${loop.name}`;
+  const [choice, setChoice] = useState<Choice>(() => ({within: now(600), parts: [], bad: []}));
+  const {within} = choice;
   const [inputs, setInputs] = useState<string[]>([output]);
+  const [order, setOrder] = useState<"0" | "1" | "2">("0");
   const [model, setModel] = useState<PlantModel | null>(null);
-  const [asked, setAsked] = useState<Window | null>(null);
+  const [asked, setAsked] = useState(false);
   const [error, setError] = useState<string | null>(null);
-  const [chosen, choose] = useState<(Transfer & {integrating: boolean}) | null>(null);
+  const [found, setFound] = useState<Found[]>([]);
+  const [chosen, choose] = useState<Tuned | null>(() => keptModel(kept));
+  const [locked, setLocked] = useState(chosen != null);
   const wanted = useRef(0);
+  const lock = (to: boolean): void => {
+    setLocked(to);
+    env.keep(kept, to && chosen ? JSON.stringify({gain: chosen.gain, zero: chosen.zero, tau1: chosen.tau1, tau2: chosen.tau2, dead_time: chosen.dead_time, integrating: chosen.integrating, error: chosen.error}) : "");
+  };
 
   const identify = (): void => {
     const mine = ++wanted.current;
-    const answered = (act: () => void): void => { if (mine === wanted.current) { setAsked(null); act(); } };
-    setAsked(within);
+    const answered = (act: () => void): void => { if (mine === wanted.current) { setAsked(false); act(); } };
+    const windows = good(choice.parts.length > 0 ? choice.parts : [within], choice.bad);
+    setAsked(true);
     setError(null);
-    get<PlantModel>("/api/model", {inputs: inputs.join(","), outputs: measurement, ...within}, LATE).then(
-      found => answered(() => {
-        setModel(found);
-        const cell = found.cells.find(one => one.input === output && one.output === measurement);
-        choose(cell && cell.gain !== 0 ? cell : null);
+    get<PlantModel>("/api/model", {inputs: inputs.join(","), outputs: measurement, windows: windows.map(one => `${microseconds(one.since)}..${microseconds(one.until)}`).join(), order: order === "0" ? null : order}, LATE).then(
+      answer => answered(() => {
+        setModel(answer);
+        const cell = answer.cells.find(one => one.input === output && one.output === measurement);
+        if (cell && cell.gain !== 0) {
+          const one = {of: cell, fit: answer.outputs[0]?.fit ?? null, order: tr(`workbench.order${order}`), time: fromUntil(answer.since, answer.until)};
+          setFound(all => [...all, one].slice(-CANDIDATES));
+        }
+        if (!locked) choose(cell && cell.gain !== 0 ? cell : null);
       }),
       (reason: Error) => answered(() => { setModel(null); setError(reason.message); }),
     );
@@ -108,10 +124,10 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       <Step n={1} name="data">
         <p class="say">{tr("workbench.data.say")}</p>
         <div class="entry-line">
-          {TIMES.map(one => <button key={one.seconds} type="button" onClick={() => setWindow(now(one.seconds))}>{tr(one.name)}</button>)}
+          {TIMES.map(one => <button key={one.seconds} type="button" onClick={() => setChoice({...choice, within: now(one.seconds)})}>{tr(one.name)}</button>)}
           <span class="say" data-since={within.since} data-until={within.until}>{fromUntil(within.since, within.until)}</span>
         </div>
-        <Record loop={loop} within={within} choose={setWindow} />
+        <Parts loop={loop} choice={choice} choose={setChoice} />
         {others.length > 0 && (
           <fieldset>
             <legend>{tr("workbench.inputs")}</legend>
@@ -131,12 +147,20 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       </Step>
       {isPid(loop) && <Step n={2} name="model">
         <div class="entry-line">
-          <button type="button" class="primary" disabled={asked != null} onClick={identify}>{tr("workbench.identify")}</button>
-          <span class="say" role="status">{asked ? tr("workbench.identifying") : model ? tr("workbench.identified", {n: model.samples, period: exact(model.period), time: fromUntil(model.since, model.until)}) : ""}</span>
+          <label>
+            {tr("workbench.order")}{" "}
+            <select name="order" value={order} onChange={event => setOrder(event.currentTarget.value as typeof order)}>
+              {(["0", "1", "2"] as const).map(one => <option key={one} value={one}>{tr(`workbench.order${one}`)}</option>)}
+            </select>
+          </label>
+          <button type="button" class="primary" disabled={asked} onClick={identify}>{tr("workbench.identify")}</button>
+          <span class="say" role="status" data-records={model?.records}>{asked ? tr("workbench.identifying") : model ? tr("workbench.identified", {n: model.samples, period: exact(model.period), records: model.records, time: fromUntil(model.since, model.until)}) : ""}</span>
         </div>
         {error && <p class="complaint" role="alert">{error}</p>}
         {model && <Model of={model} />}
-        <Numbers key={model?.t ?? 0} of={chosen} set={choose} />
+        {found.length > 1 && <Candidates all={found} chosen={chosen} locked={locked} choose={choose} />}
+        <Numbers key={model?.t ?? 0} of={chosen} locked={locked} set={choose} />
+        {chosen && <label class="check"><input type="checkbox" name="lock" checked={locked} onChange={event => lock(event.currentTarget.checked)} /> {tr("workbench.lock")}</label>}
       </Step>}
       {isPid(loop) && (chosen ? <Tune loop={loop} model={chosen} /> : <>
         <Step n={3} name="tune"><p class="say">{tr("workbench.noModel")}</p></Step>
@@ -161,122 +185,9 @@ function Step({n, name, children}: {n: number; name: "data" | "model" | "tune" |
   );
 }
 
-// ---- Data
-
-/** What was measured and put out; a drag chooses a part of it. */
-function Record({loop, within, choose, also = []}: {loop: Loop; within: Window; choose: (part: Window) => void; also?: (string | null)[]}): JSX.Element {
-  const host = useRef<HTMLDivElement>(null);
-  const chart = useRef<TrendChart | null>(null);
-  const painted = useCell(repaint);
-  const [, redraw] = useState(0);
-  const curves = useMemo(() => [loop.measurement, loop.output, ...also].flatMap(ref => { const one = variable(ref); return one ? [new Curve(one)] : []; }), []);
-  const shown = (one: Curve): ReturnType<typeof held> => (holds(one.variable) && one.variable.period == null ? held(one.series, within.until) : one.series);
-  const data = (): TrendData => ({from: within.since, to: within.until, scales: curves.map(one => { const [low, high] = extent(visible(shown(one), within.since, within.until)); return isFinite(low) ? padded(low, high) : {low: 0, high: 1}; })});
-  const draw = useRef(shown);
-  draw.current = shown;
-  useEffect(() => {
-    const element = host.current as HTMLDivElement;
-    const panels = curves.map((one, i) => ({label: titles([one.variable]), pens: [{label: one.variable.name, colour: `--pen-${i + 1}`, dash: [], step: holds(one.variable), curve: () => draw.current(one)}]}));
-    const made = new TrendChart(element, panels, data(), (since, until) => choose({since, until}), () => {});
-    chart.current = made;
-    const sized = new ResizeObserver(() => made.resize());
-    sized.observe(element);
-    return () => {
-      sized.disconnect();
-      made.destroy();
-      for (const one of curves) one.stop();
-    };
-  }, []);
-  useEffect(() => {
-    for (const one of curves) one.fill(within.since, within.until, chart.current?.pixels ?? 800, false, () => redraw(n => n + 1));
-  }, [within]);
-  useEffect(() => chart.current?.show(data()));
-  useEffect(() => chart.current?.repaint(), [painted]);
-  const failed = curves.find(one => one.error != null)?.error;
-  return (
-    <>
-      {failed && <p class="complaint">{failed}</p>}
-      {also.length > 0 && <ul class="keys">{curves.map(({variable: one}, i) => <li key={one.ref}><Stroke pen={{colour: `--pen-${i + 1}`, dash: []}} /> {one.name} <small>{described(one)}</small></li>)}</ul>}
-      <div ref={host} class="plots" role="img" data-points={curves[0]?.series.t.length ?? 0} aria-label={tr("workbench.record.aria", {signals: curves.map(one => one.variable.name).join(", ")})} />
-    </>
-  );
-}
-
-// ---- Model
-
-const NOT_INDEPENDENT = 0.01;
-
-function Model({of}: {of: PlantModel}): JSX.Element {
-  return (
-    <>
-      {of.outputs.map(one => (
-        <p key={one.name} class="say">
-          {tr("workbench.fit", {signal: one.name, fit: one.fit == null ? missing : exact(Number(one.fit.toPrecision(3)))})}
-          {(one.fit == null || one.fit < GOOD_FIT) && <> <Note label={tr("workbench.poorFit")} /> {tr("workbench.poorFit")}</>}
-          {one.missing > 0 && <> {tr("workbench.missing", {n: one.missing, longest: one.longest})}</>}
-          {one.independent != null && one.independent < NOT_INDEPENDENT && one.fit != null && one.fit < 90 && <> {tr("workbench.dependent")}</>}
-        </p>
-      ))}
-      <div class="matrix">{of.cells.map(one => <Response key={`${one.input} ${one.output}`} of={one} />)}</div>
-    </>
-  );
-}
-
-const plusMinus = (value: number, error: number | null, unit: string): string => (error == null ? tr("workbench.untold", {value: `${exact(rounded(value))}${unit}`}) : `${exact(rounded(value))} ± ${exact(Number((1.96 * error).toPrecision(2)))}${unit}`);
-
-function Response({of}: {of: Cell}): JSX.Element {
-  const title = tr("workbench.response", {input: of.input, output: of.output});
-  const t = of.response.map((_, k) => k * of.step);
-  const side = (sign: number): number[] => of.response.map((value, k) => value + sign * (of.half[k] ?? 0));
-  if (of.gain === 0) return <figure><figcaption>{title}</figcaption><p class="say">{tr("workbench.noEffect")}</p></figure>;
-  const sure = of.half.length > 0;
-  return (
-    <figure>
-      <figcaption>{title}</figcaption>
-      <Curves
-        aria={tr("workbench.response.aria", {input: of.input, output: of.output, end: exact(rounded(of.response[of.response.length - 1] ?? 0))})}
-        label={title}
-        curves={[{colour: "--pen-1", t, v: of.response}, ...(sure ? [{colour: "--pen-1", dash: [4, 4], t, v: side(1)}, {colour: "--pen-1", dash: [4, 4], t, v: side(-1)}] : [])]}
-      />
-      <dl class="pairs">
-        {NUMBERS.filter(name => of[name] !== 0).map(name => <><dt>{tr(`workbench.${name}`)}</dt><dd>{plusMinus(of[name], of.error[name], name === "gain" ? "" : " s")}</dd></>)}
-      </dl>
-      {of.integrating && <p class="say">{tr("workbench.integrating")}</p>}
-      {!sure && <p class="say"><Note label={tr("workbench.unsure")} /> {tr("workbench.unsure")}</p>}
-    </figure>
-  );
-}
-
-/** The model that is tuned by: as it was found, or as somebody who knows better says. */
-function Numbers({of, set}: {of: (Transfer & {integrating: boolean}) | null; set: (to: Transfer & {integrating: boolean}) => void}): JSX.Element {
-  const [typed, type] = useState<Partial<Record<keyof Transfer, string>>>({});
-  const edit = (name: keyof Transfer, text: string): void => {
-    type({...typed, [name]: text});
-    const value = read(text).value;
-    if (value != null && (name === "gain" || name === "zero" || value >= 0)) set({...(of ?? none), [name]: value});
-  };
-  return (
-    <details>
-      <summary>{tr("workbench.byHand")}</summary>
-      <div class="entry-line">
-        {NUMBERS.map(name => {
-          const wrong = typed[name] == null ? null : complaint(typed[name] as string, name === "gain" || name === "zero" ? null : 0, null);
-          return (
-            <label key={name}>
-              {tr(`workbench.${name}`)}{" "}
-              <input type="text" inputMode="decimal" size={8} name={name} aria-invalid={wrong != null} title={wrong ?? undefined} value={typed[name] ?? exact(rounded(of?.[name] ?? 0))} onInput={event => edit(name, event.currentTarget.value)} />
-              {name === "gain" ? "" : " s"}
-            </label>
-          );
-        })}
-      </div>
-    </details>
-  );
-}
-
 // ---- Tune, commission
 
-function Tune({loop, model}: {loop: Loop; model: Transfer & {integrating: boolean}}): JSX.Element {
+function Tune({loop, model}: {loop: Loop; model: Tuned}): JSX.Element {
   const names = TUNINGS.filter(name => tuningOf(loop, name) != null);
   const present = names.map(name => useCell(live(tuningOf(loop, name) as string))); // one loop, one number of them
   const [rule, setRule] = useState<string>("simc");
@@ -288,9 +199,10 @@ function Tune({loop, model}: {loop: Loop; model: Transfer & {integrating: boolea
 
   useEffect(() => {
     let wanted = true;
-    const {gain, zero, tau1, tau2, dead_time, integrating} = model;
+    const {gain, zero, tau1, tau2, dead_time, integrating, error: of} = model;
+    const errors = Object.fromEntries(Object.entries(of ?? {}).map(([name, value]) => [`${name}_error`, value ?? -1]));
     const stop = env.later(() => {
-      get<Preview>("/api/preview", {loop: loop.id, gain, zero, tau1, tau2, dead_time, integrating: integrating ? 1 : 0, rule, tau_c: rule === "relay" ? null : tauC, ...moved}).then(
+      get<Preview>("/api/preview", {loop: loop.id, gain, zero, tau1, tau2, dead_time, ...errors, integrating: integrating ? 1 : 0, rule, tau_c: rule === "relay" ? null : tauC, ...moved}).then(
         found => { if (wanted) { setPreview(found); setError(null); } },
         (reason: Error) => wanted && setError(reason.message),
       );
@@ -341,12 +253,13 @@ function Slider({name, label, unit, value, middle, decades, set}: {name: string;
 }
 
 function Responses({of, loop}: {of: Preview; loop: Loop}): JSX.Element {
-  const curves = (which: "y" | "u") => [...(of.present ? [{colour: "--label", dash: [5, 4], ...of.present[which]}] : []), {colour: "--pen-1", ...of.proposed[which]}];
+  const curves = (which: "y" | "u") => [...(of.present ? [{colour: "--label", dash: [5, 4], ...of.present[which]}] : []), ...(of.worst ? [{colour: "--pen-2", dash: [2, 3], ...of.worst[which]}] : []), {colour: "--pen-1", ...of.proposed[which]}];
   return (
     <>
       <p class="say">
         {of.present && <><Stroke pen={{colour: "--label", dash: [5, 4]}} /> {tr("workbench.present")} </>}
         <Stroke pen={{colour: "--pen-1", dash: []}} /> {tr("workbench.proposed")}
+        {of.worst && <> <Stroke pen={{colour: "--pen-2", dash: [2, 3]}} /> {tr("workbench.worst", {n: of.models})}</>}
       </p>
       <p class="say">{tr("workbench.preview.say", {step: exact(rounded(of.step)), begins: exact(rounded(of.begins))})}</p>
       <div class="matrix">
@@ -359,7 +272,7 @@ function Responses({of, loop}: {of: Preview; loop: Loop}): JSX.Element {
   );
 }
 
-function Margins({of: {present, proposed}}: {of: Preview}): JSX.Element {
+function Margins({of: {present, proposed, worst, models, unstable}}: {of: Preview}): JSX.Element {
   const rows: {name: "gain_margin" | "phase_margin" | "delay_margin" | "sensitivity" | "overshoot" | "iae" | "iae_disturbance"; unit: string; value: (of: Tried) => number | null}[] = [
     {name: "gain_margin", unit: "", value: one => one.gain_margin},
     {name: "phase_margin", unit: "°", value: one => one.phase_margin},
@@ -373,15 +286,17 @@ function Margins({of: {present, proposed}}: {of: Preview}): JSX.Element {
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={tr("workbench.margins")}>
       {!proposed.stable && <p class="complaint" role="alert"><Note grave label={tr("workbench.unstable")} /> {tr("workbench.unstable")}</p>}
+      {proposed.stable && unstable > 0 && <p class="complaint" role="alert"><Note grave label={tr("workbench.fragile", {n: models, unstable})} /> {tr("workbench.fragile", {n: models, unstable})}</p>}
       <table class="data">
         <caption>{tr("workbench.margins")}</caption>
-        <thead><tr><th scope="col"><span class="hidden">{tr("workbench.margins")}</span></th><th scope="col" class="number">{tr("workbench.present")}</th><th scope="col" class="number">{tr("workbench.proposed")}</th></tr></thead>
+        <thead><tr><th scope="col"><span class="hidden">{tr("workbench.margins")}</span></th><th scope="col" class="number">{tr("workbench.present")}</th><th scope="col" class="number">{tr("workbench.proposed")}</th>{worst && <th scope="col" class="number">{tr("workbench.worst", {n: models})}</th>}</tr></thead>
         <tbody>
           {rows.map(({name, unit, value}) => (
             <tr key={name}>
               <th scope="row">{tr(`workbench.${name}`)}</th>
               <td class="number">{said(present, value, unit)}</td>
               <td class="number" data-proposed={name}>{said(proposed, value, unit)}</td>
+              {worst && <td class="number" data-worst={name}>{said(worst, value, unit)}</td>}
             </tr>
           ))}
         </tbody>
@@ -553,48 +468,4 @@ function Would({of, loops}: {of: Shadowed; loops: Loop[]}): JSX.Element {
       </div>
     </>
   );
-}
-
-// ---- Curves over seconds
-
-interface Drawn {
-  colour: string;
-  dash?: number[];
-  t: number[];
-  v: number[];
-}
-
-const HEIGHT = 200; // px
-
-function Curves({curves, label, aria, step = false}: {curves: Drawn[]; label: string; aria: string; step?: boolean}): JSX.Element {
-  const host = useRef<HTMLDivElement>(null);
-  const painted = useCell(repaint);
-  const lines = curves.map(({colour, dash}): Line => ({label, colour, dash, width: dash ? 1.5 : 2, step}));
-  const newest = useRef(curves);
-  newest.current = curves;
-  const drawn = useRef<ReturnType<typeof plot> | null>(null);
-  const show = (): void => drawn.current?.setData(align(newest.current.map(({t, v}) => ({t, columns: [v]}))) as Parameters<ReturnType<typeof plot>["setData"]>[0]);
-  useEffect(() => {
-    const element = host.current as HTMLDivElement;
-    const made = plot(element, HEIGHT, {
-      lines,
-      yLabel: [label],
-      xAxis: true,
-      seconds: true,
-      x: () => [0, Math.max(1e-9, ...newest.current.map(one => one.t[one.t.length - 1] ?? 0))],
-      y: () => padded(...extent(newest.current.flatMap(one => one.v))),
-    });
-    drawn.current = made;
-    const sized = new ResizeObserver(() => made.setSize({width: Math.max(200, element.clientWidth), height: HEIGHT}));
-    sized.observe(element);
-    const printed = onPrint(() => made.redraw(false, true));
-    return () => {
-      printed();
-      sized.disconnect();
-      made.destroy();
-    };
-  }, [curves.length]);
-  useEffect(show, [curves]);
-  useEffect(() => drawn.current?.redraw(false, true), [painted]);
-  return <div ref={host} class="plots" role="img" aria-label={aria} data-points={curves[0]?.t.length ?? 0} />;
 }
