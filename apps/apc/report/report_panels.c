@@ -7,7 +7,7 @@
 #include "report_panels.h"
 
 #define LINES_MAX 40    /* of warnings and alarms; more would be a curtain */
-#define BINS      2000  /* of a long curve: more than the figure has pixels */
+#define BINS      2000  /* of a long curve: more than the figure has pixels; of all curves 40 times that */
 #define NONE      1e305 /* beyond all values */
 
 /* The styles of vertical lines, in the order of report.gp. */
@@ -101,14 +101,17 @@ static size_t end_of_bin(const struct report_series *series, size_t k, double bi
     return (size_t)(at - series->points);
 }
 
-/* Of a long series the first, last, lowest and highest point of each bin. An output and a setpoint hold until
+/* A table that report.gp names only where there is one: gnuplot takes long to find a name among thousands. Of a
+ * long series the first, last, lowest and highest point of each bin. An output and a setpoint hold until
  * the next one (@p gap 0). Nobody knows what was between two measurements that are farther apart than @p gap,
  * in s. */
 static void put_series(FILE *script, const char *name, size_t i, const struct report_series *series,
-                       double end, double gap)
+                       const struct report_panels *p, double gap)
 {
-    const size_t n = series ? series->n : 0;
-    const double bin = n > 4 * BINS ? (series->points[n - 1].t - series->points[0].t) / BINS : 0;
+    if (!series)
+        return;
+    const size_t n = series->n, bins = p->n_drawn > 40 ? 40 * BINS / p->n_drawn + 100 : BINS;
+    const double bin = n > 4 * bins ? (series->points[n - 1].t - series->points[0].t) / (double)bins : 0;
     const struct report_point *before = NULL;
     fprintf(script, "$%s%zu << END\n", name, i + 1);
     for (size_t first = 0, next; first < n; first = next) {
@@ -126,15 +129,17 @@ static void put_series(FILE *script, const char *name, size_t i, const struct re
             }
     }
     if (gap <= 0 && before)
-        fprintf(script, "%.9g %.9g NaN NaN\n", end, before->value);
+        fprintf(script, "%.9g %.9g NaN NaN\n", p->data->end, before->value);
     fputs("END\n", script);
 }
 
 /* The last move holds for its step, too. */
 static void put_expected(FILE *script, size_t i, const struct prediction_trajectory *c)
 {
+    if (!c)
+        return;
     fprintf(script, "$e%zu << END\n", i + 1);
-    for (size_t k = 0; c && k < c->n + (c->first == 0); k++)
+    for (size_t k = 0; k < c->n + (c->first == 0); k++)
         fprintf(script, "%.9g %.9g\n", apc_ns_to_s(c->made) + prediction_ahead(c, k),
                 c->expected[k < c->n ? k : c->n - 1]);
     fputs("END\n", script);
@@ -149,10 +154,9 @@ static double gap_of(const struct report_panels *p, const struct curve_of *c)
 static void put_curve(FILE *script, const struct report_panels *p, size_t i)
 {
     const struct curve_of *c = &p->curve[i];
-    const double end = p->data->end;
-    put_series(script, "v", i, c->series, end, gap_of(p, c));
-    put_series(script, "r", i, c->wanted, end, 0);
-    put_series(script, "a", i, c->wanted_above, end, 0);
+    put_series(script, "v", i, c->series, p, gap_of(p, c));
+    put_series(script, "r", i, c->wanted, p, 0);
+    put_series(script, "a", i, c->wanted_above, p, 0);
     put_expected(script, i, c->expected);
     gnuplot_text(script, "name", i, c->signal->tag.name);
     gnuplot_text(script, "description", i, c->signal->tag.description);
