@@ -10,26 +10,61 @@
 
 struct loading {
     struct alarm_journal *journal;
-    size_t room;
-    bool failed;
+    size_t room, looked;
+    const struct alarm_search *search;
+    size_t last; /* the newest so many alone; 0: all */
+    struct apc_sample former;
+    int rc;
 };
+
+static int by_number(const void *x, const void *y)
+{
+    const struct alarm_transition *a = x, *b = y;
+    return a->number < b->number ? -1 : a->number > b->number;
+}
+
+static void keep_last(struct alarm_journal *j, size_t last)
+{
+    if (j->n > 1)
+        qsort(j->at, j->n, sizeof *j->at, by_number);
+    if (last == 0 || j->n <= last)
+        return;
+    memmove(j->at, j->at + j->n - last, last * sizeof *j->at);
+    j->n = last;
+}
+
+static bool is_looked_for(const struct alarm_search *s, const struct apc_sample *row)
+{
+    return (s->states == 0 || (row->value >= 0 && row->value < 32 && s->states >> (int)row->value & 1)) &&
+           (s->before == 0 || row->origin < s->before);
+}
 
 static int take_alarm_row(void *ctx, const struct apc_sample *row)
 {
     struct loading *l = ctx;
     struct alarm_journal *j = l->journal;
+    const struct apc_sample former = l->former;
+    l->former = *row;
+    if (l->search && l->search->states && ++l->looked > ALARM_SEARCH_MOST) {
+        l->rc = APC_ERANGE;
+        return 1;
+    }
+    if (l->search && !is_looked_for(l->search, row))
+        return 0;
+    if (j->n == l->room && l->search && l->last > 0 && j->n > 2 * l->last)
+        keep_last(j, l->last);
     if (j->n == l->room) {
         struct alarm_transition *at = reallocarray(j->at, 2 * l->room + 64, sizeof *at);
         if (!at) {
-            l->failed = true;
+            l->rc = APC_ENOMEM;
             return 1;
         }
         j->at = at;
         l->room = 2 * l->room + 64;
     }
     enum apc_alarm_state before = row->seq == 1 ? APC_ALARM_NORMAL : (enum apc_alarm_state)0;
-    if (j->n > 0 && j->at[j->n - 1].alarm == row->id && j->at[j->n - 1].seq == row->seq - 1)
-        before = j->at[j->n - 1].state;
+    if (former.id == row->id && former.seq == row->seq - 1)
+        before = (enum apc_alarm_state)(int)former.value;
     j->at[j->n++] = (struct alarm_transition){.number = row->origin,
                                               .seq = row->seq,
                                               .time = row->time,
@@ -41,13 +76,9 @@ static int take_alarm_row(void *ctx, const struct apc_sample *row)
     return 0;
 }
 
-static int by_number(const void *x, const void *y)
-{
-    const struct alarm_transition *a = x, *b = y;
-    return a->number < b->number ? -1 : a->number > b->number;
-}
-
 #define SET_BACK (86400 * APC_NS_PER_S) /* of a clock: a newest row may be so much older than one before it */
+
+#define AT_ONE_TIME 16 /* transitions of one alarm */
 
 /* Of most alarms the newest row says that there is nothing. @p most: the highest number of all. */
 static bool may_have_moved(const struct apc_sample *newest, const struct apc_range *range, int64_t most)
@@ -81,29 +112,33 @@ static bool lacks_numbers(const struct alarm_journal *journal, const struct apc_
 int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
                        const struct apc_range *range)
 {
-    struct loading l = {.journal = journal};
+    return alarm_journal_find(journal, store, n, range, NULL);
+}
+
+int alarm_journal_find(struct alarm_journal *journal, struct apc_store *store, size_t n,
+                       const struct apc_range *range, const struct alarm_search *search)
+{
+    struct loading l = {.journal = journal, .search = search, .last = range ? range->last : 0};
+    struct apc_range of = range ? *range : (struct apc_range){0};
     struct apc_sample *newest = calloc(n + 1, sizeof *newest);
     int64_t most;
     *journal = (struct alarm_journal){0};
     if (!newest)
         return APC_ENOMEM;
     int rc = read_newest(newest, n, store, &most);
-    for (int again = 0; again == 0 || (again == 1 && lacks_numbers(journal, range, most)); again++)
-        for (size_t i = 0; i < n && rc >= 0 && !l.failed; i++)
-            if (may_have_moved(&newest[i], range, again ? 0 : most)) {
-                rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take_alarm_row, &l);
+    if (search) { /* the last that are looked for may be any */
+        most = 0;
+        of.last = search->states ? 0 : of.last + (search->before ? AT_ONE_TIME : 0);
+    }
+    for (int again = 0; again == 0 || (again == 1 && !search && lacks_numbers(journal, range, most)); again++)
+        for (size_t i = 0; i < n && rc >= 0 && l.rc == 0; i++)
+            if ((!search || search->of[i]) && may_have_moved(&newest[i], range, again ? 0 : most)) {
+                rc = apc_store_history(store, APC_ALARM, (int)i + 1, range ? &of : NULL, take_alarm_row, &l);
                 newest[i].seq = -1;
             }
     free(newest);
-    if (l.failed)
-        rc = APC_ENOMEM;
-    if (journal->n > 1)
-        qsort(journal->at, journal->n, sizeof *journal->at, by_number);
-    if (range && range->last > 0 && journal->n > range->last) {
-        memmove(journal->at, journal->at + journal->n - range->last, range->last * sizeof *journal->at);
-        journal->n = range->last;
-    }
-    return rc < 0 ? rc : 0;
+    keep_last(journal, l.last);
+    return l.rc ? l.rc : rc < 0 ? rc : 0;
 }
 
 #define EARLY APC_NS_PER_S        /* two clocks may differ by that */

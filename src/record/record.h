@@ -292,6 +292,16 @@ struct alarm_journal {
  * store's error; alarm_journal_free() in either case. */
 int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
                        const struct apc_range *range);
+/* What somebody looks for in a journal. */
+struct alarm_search {
+    bool *of;        /* [n]: the alarms */
+    uint32_t states; /* 1 << state of those that they went to; 0: any */
+    int64_t before;  /* lower numbers alone, beside a range's until; 0: any */
+};
+#define ALARM_SEARCH_MOST 1000000 /* transitions that are looked at */
+/* The same of those, and APC_ERANGE: there are too many to look at. */
+int alarm_journal_find(struct alarm_journal *journal, struct apc_store *store, size_t n,
+                       const struct apc_range *range, const struct alarm_search *search);
 /* The reasons, out of the events of what people did. Returns 0, APC_ENOMEM or the store's error. */
 int alarm_journal_reasons(struct alarm_journal *journal, struct apc_store *store, const struct experiment *e);
 void alarm_journal_free(struct alarm_journal *journal);

@@ -205,7 +205,7 @@ test("the journal tells the story, and figures stand beside what they should be"
   env.routes.set("/api/alarms/journal", asked => asked.answer({t: server.now, transitions: [
     {number: 1, time: START - 60, alarm: "y1.high", priority: 2, raised: true, state: "Unacknowledged Active", before: "Normal", author: null},
     {number: 2, time: START - 50, alarm: "y1.high", priority: 2, raised: false, state: "Acknowledged Active", before: "Unacknowledged Active", author: "anna"},
-  ]}));
+  ], next: null}));
   const events = env.routes.get("/api/events")!;
   env.routes.set("/api/events", asked => asked.answer({t: server.now, events: [{time: START - 51, severity: 1, source: "anna", kind: "operator", text: "y1.high: acknowledged (from 10.0.0.7): I see it"}], more: false}));
   await withAlarms(stands(1, 2, "Acknowledged Active"));

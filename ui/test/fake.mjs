@@ -305,7 +305,7 @@ export class Fake {
       case "/api/events":
         return json({t: this.now, events: this.records ? this.#events() : [], more: false});
       case "/api/alarms/journal":
-        return json({t: this.now, transitions: this.alarms.map((one, i) => ({number: i + 1, time: one.time, alarm: plant.alarms.all[one.id - 1].alarm, priority: plant.alarms.all[one.id - 1].priority, raised: one.active, state: one.state, before: "Normal", author: one.author}))});
+        return json({t: this.now, transitions: this.alarms.map((one, i) => ({number: i + 1, time: one.time, alarm: plant.alarms.all[one.id - 1].alarm, priority: plant.alarms.all[one.id - 1].priority, raised: one.active, state: one.state, before: "Normal", author: one.author})), next: null});
       case "/api/alarms/figures":
         return json({t: this.now, since: this.now - 86400, until: this.now, hours: 24, raised: 400, by_priority: [100, 200, 100, 0], per_hour: 16.7, most_in_ten_minutes: 40, floods: 3, windows: 144, chattering: 1, standing: 2, stale: 6, unacknowledged: 1, to_acknowledge: 41.5, alarms: [{id: 1, alarm: "y.high", raised: 300, chatters: true, active: 3600, since: this.now - 60}]});
       case "/api/alarms/trial":

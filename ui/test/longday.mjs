@@ -45,7 +45,7 @@ export function longDay() {
     "/api/plant": () => plant,
     "/api/events": () => ({events: [], more: false}),
     "/api/writes": () => ({writes: []}),
-    "/api/alarms/journal": () => ({transitions: []}),
+    "/api/alarms/journal": () => ({transitions: [], next: null}),
     "/api/history": query => (query.names ? {t: BEGAN + now, since: Number(query.since), until: Number(query.until), series: query.names.split(",").map(name => ({name, ...past(query)}))} : {t: BEGAN + now, var: query.var, since: Number(query.since), until: Number(query.until), ...past(query)}),
   };
   window.fetch = async path => {

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import {beforeEach, test} from "node:test";
 import {FakeEnv} from "./env";
 import {plant as tanks, Server, START} from "./plant";
+import type {Journal} from "../src/core/journal";
 
 const env = new FakeEnv();
 const server = new Server(env);
@@ -16,6 +17,7 @@ const {Curve} = await import("../src/core/curve");
 const {load, binWidth} = await import("../src/core/history");
 const {ApiError, get, login, NoAnswer} = await import("../src/core/api");
 const {journalOf} = await import("../src/core/journal");
+const {everything} = await import("../src/core/alarmfilter");
 
 const y = model.live("sensor.1");
 const near = (a: number | null | undefined, b: number, by = 1e-3): void => assert.ok(a != null && Math.abs(a - b) <= by, `${a} is not ${b}`);
@@ -563,23 +565,31 @@ test("a trend of a loop, and of what is beyond the loops", async () => {
   assert.ok(scale.low < 0 && scale.high > 10);
 });
 
-test("a journal is read page by page to the begin of its window, whatever happens at one time", async () => {
-  const all = Array.from({length: 9}, (_, i) => ({number: i + 1, time: server.now - 100 + Math.floor(i / 2), alarm: "y1.high", priority: 2, raised: true, state: "Unacknowledged Active", before: null, author: null}));
+test("a journal is read page by page to the begin of its window, whatever happens at one time, and no more than is wanted", async () => {
+  const all = Array.from({length: 9}, (_, i) => ({number: i + 1, time: server.now - 100 + Math.floor(i / 4), alarm: "y1.high", priority: 2, raised: true, state: "Unacknowledged Active", before: null, author: null}));
   const before = env.routes.get("/api/alarms/journal");
+  const asked: Record<string, string>[] = [];
   env.routes.set("/api/alarms/journal", one => {
+    asked.push(one.query);
     const until = one.query.until ? Number(one.query.until) : Infinity;
-    one.answer({transitions: all.filter(each => each.time < until).slice(-Number(one.query.last))});
+    const found = all.filter(each => each.time < until && each.number < Number(one.query.before ?? Infinity));
+    const transitions = found.slice(-Number(one.query.last));
+    one.answer({transitions, next: transitions.length < found.length ? {before: transitions[0]!.number, until: transitions[0]!.time + 1e-6} : null});
   });
-  assert.deepEqual((await journalOf(3600, null, 3)).transitions.map(one => one.number), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
-  assert.equal((await journalOf(3600, null, 3)).cut, false);
-  const some = await journalOf(3600, null, 3, 5);
-  assert.deepEqual([some.transitions.map(one => one.number), some.cut], [[4, 5, 6, 7, 8, 9], true]);
-  const first = await journalOf(3600, null, 3);
+  const read = (most: number, known: Journal | null = null): Promise<Journal> => journalOf(-3600, null, everything, most, known, 3);
+  const numbers = ({transitions}: Journal): number[] => transitions.map(one => one.number);
+  const first = await read(300);
+  assert.deepEqual([numbers(first), first.next], [[1, 2, 3, 4, 5, 6, 7, 8, 9], null]);
+  const some = await read(5);
+  assert.deepEqual([numbers(some), some.next?.before], [[4, 5, 6, 7, 8, 9], 4]);
+  asked.length = 0;
+  assert.deepEqual([numbers(await read(9, some)), asked.map(one => one.before ?? "")], [[1, 2, 3, 4, 5, 6, 7, 8, 9], ["", "4"]], "older ones are read on from where it ended");
   all.push({...all[0]!, number: 10, time: server.now});
-  let asked = 0;
-  const route = env.routes.get("/api/alarms/journal")!;
-  env.routes.set("/api/alarms/journal", one => (asked++, route(one)));
-  assert.deepEqual([(await journalOf(3600, first, 3)).transitions.length, asked], [10, 1], "what is known is asked for again");
+  asked.length = 0;
+  assert.deepEqual([numbers(await read(300, first)).length, asked.length], [10, 1], "what is known is asked for again");
+  asked.length = 0;
+  await journalOf(-60, null, {text: "y1 high", area: "left", priorities: [1, 2], state: "Shelved"}, 300);
+  assert.deepEqual(asked, [{since: "-60", last: "300", text: "y1 high", area: "left", priority: "1,2", state: "Shelved"}]);
   if (before) env.routes.set("/api/alarms/journal", before);
   else env.routes.delete("/api/alarms/journal");
 });

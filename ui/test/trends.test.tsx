@@ -491,7 +491,7 @@ test("how far back is what its words say, and that is asked for", async () => {
   await withAlarms(stands(1, 1, "Normal"));
   const expected: [string, string[]][] = [
     ["events", ["last hour", "last 24 h", "last 7 days"]],
-    ["alarms/journal", ["last hour", "last 8 h", "last 24 h", "last 7 days"]],
+    ["alarms/journal", ["last hour", "last 8 h", "last 24 h", "last 7 days", "last 90 days"]],
     ["alarms/figures", ["last 8 h", "last 24 h", "last 7 days", "last 30 days"]],
   ];
   for (const [at, names] of expected) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The alarms as they stand, what they did, and what people want of them. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "apc-ui/api/api.h"
@@ -7,6 +8,7 @@
 
 #define JOURNAL_MAX    1000
 #define JOURNAL_LAST   200
+#define SEARCH_MOST    127 /* bytes */
 #define FIGURES_BACK   (86400 * APC_NS_PER_S)
 #define FIGURES_MOST   (31 * FIGURES_BACK)
 #define TRIAL_PATIENCE (10 * APC_NS_PER_S)
@@ -119,6 +121,78 @@ static void transition_json(const struct experiment *e, const struct alarm_trans
     json_add(t, "}");
 }
 
+/* Words, each of which it has somewhere. */
+static bool has_words(const struct alarm *alarm, const char *words)
+{
+    while (words && *(words += strspn(words, " ")) != '\0') {
+        char word[APC_TAG_LEN * 2];
+        const size_t n = strcspn(words, " ");
+        snprintf(word, sizeof word, "%.*s", (int)n, words);
+        if (!strcasestr(alarm->name, word) && !strcasestr(alarm->message, word) &&
+            !strcasestr(alarm->area, word) && !strcasestr(apc_alarm_kind_name(alarm->is.kind), word))
+            return false;
+        words += n;
+    }
+    return true;
+}
+
+/* Or below it. */
+static bool is_in_area(const struct alarm *alarm, const char *area)
+{
+    const size_t n = area ? strlen(area) : 0;
+    return n == 0 || (strncmp(alarm->area, area, n) == 0 && (alarm->area[n] == '/' || !alarm->area[n]));
+}
+
+static bool query_priorities(struct request *r, unsigned *priorities)
+{
+    const char *text = request_query(r, "priority");
+    bool ok = true;
+    *priorities = text ? 0 : ~0u;
+    while (text && ok) {
+        ok = *text >= '1' && *text <= '4' && (!text[1] || (text[1] == ',' && text[2]));
+        if (ok)
+            *priorities |= 1u << (*text - '0');
+        text = ok && text[1] ? text + 2 : NULL;
+    }
+    return ok || fault_set(&r->fault, 400, "parameter", "priority",
+                           "\"priority\" must be 1, 2, 3 or 4, or several of them with commas between");
+}
+
+/* Whether the condition is there or not. */
+static bool query_states(struct request *r, uint32_t *states)
+{
+    const char *text = request_query(r, "state");
+    const size_t n = text ? strlen(text) : 0;
+    for (int state = 1; text && state < APC_ALARM_STATES; state++) {
+        const char *name = apc_alarm_state_name((enum apc_alarm_state)state);
+        if (name && strncmp(name, text, n) == 0 && (!name[n] || strcmp(name + n, ", Active") == 0))
+            *states |= UINT32_C(1) << state;
+    }
+    return !text || *states ||
+           fault_set(&r->fault, 400, "parameter", "state",
+                     "\"state\" must be the name of a state, as Unacknowledged Active");
+}
+
+/* Of the experiment's alarms those that are asked for; s->of to be freed. False: the fault is set. */
+static bool query_search(struct request *r, const struct experiment *e, struct alarm_search *s)
+{
+    const char *text = request_query(r, "text"), *area = request_query(r, "area");
+    unsigned priorities;
+    if (!query_priorities(r, &priorities) || !query_states(r, &s->states) ||
+        !query_whole(r, "before", 1, APC_SEQ_MAX, &s->before))
+        return false;
+    if (text && strlen(text) > SEARCH_MOST)
+        return fault_set(&r->fault, 422, "parameter", "text", "\"text\" must have at most %d bytes",
+                         SEARCH_MOST);
+    s->of = calloc(e->n_alarms + 1, sizeof *s->of);
+    for (size_t i = 0; s->of && i < e->n_alarms; i++) {
+        const struct alarm *alarm = &e->alarm[i];
+        s->of[i] =
+            (priorities >> alarm->is.priority & 1) && is_in_area(alarm, area) && has_words(alarm, text);
+    }
+    return s->of || fault_set(&r->fault, 503, "busy", NULL, "out of memory");
+}
+
 static bool journal_range(struct request *r, struct apc_range *range)
 {
     const apc_ns now = apc_clock_utc(NULL);
@@ -131,24 +205,41 @@ static bool journal_range(struct request *r, struct apc_range *range)
            fault_set(&r->fault, 422, "parameter", "since", "\"since\" must be before \"until\"");
 }
 
+static void journal_page_json(const struct experiment *e, const struct alarm_journal *j, size_t most,
+                              struct apc_store *store, struct text *t)
+{
+    const size_t first = j->n > most ? j->n - most : 0;
+    json_add(t, "{t:%.6jd, transitions:[", apc_clock_utc(NULL));
+    for (size_t i = first; i < j->n; i++)
+        transition_json(e, &j->at[i], store, t);
+    json_add(t, "]");
+    if (first > 0)
+        json_add(t, "next:{before:%jd, until:%.6jd}", j->at[first].number, j->at[first].time + APC_NS_PER_US);
+    else
+        json_add(t, "next:null");
+    json_add(t, "}");
+}
+
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct desk *desk = &ui->desk[DESK_PAST];
     struct alarm_journal journal = {0};
+    struct alarm_search search = {0};
     struct apc_range range = {0};
-    struct text *t = &r->reply;
     if (!journal_range(r, &range))
         return;
-    const bool ok = take_desk(desk, r, store);
-    const int rc = ok ? alarm_journal_load(&journal, store, desk->board.e.n_alarms, &range) : 0;
-    if (rc < 0)
+    const size_t most = range.last++; /* one more says that there are more */
+    const struct experiment *e = &desk->board.e;
+    const bool ok = take_desk(desk, r, store) && query_search(r, e, &search);
+    const int rc = ok ? alarm_journal_find(&journal, store, e->n_alarms, &range, &search) : 0;
+    if (rc == APC_ERANGE)
+        fault_set(&r->fault, 422, "parameter", "state",
+                  "more than %d transitions to search: choose a shorter window", ALARM_SEARCH_MOST);
+    else if (rc < 0)
         fault_store(r, rc, store);
-    if (ok && rc == 0) {
-        json_add(t, "{t:%.6jd, transitions:[", apc_clock_utc(NULL));
-        for (size_t i = 0; i < journal.n; i++)
-            transition_json(&desk->board.e, &journal.at[i], store, t);
-        json_add(t, "]}");
-    }
+    else if (ok)
+        journal_page_json(e, &journal, most, store, &r->reply);
+    free(search.of);
     alarm_journal_free(&journal);
     give_desk_back(desk);
 }

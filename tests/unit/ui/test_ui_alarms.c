@@ -144,10 +144,66 @@ static void the_journal_gives_the_newest_in_their_order(void **state)
     assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[]"));
 }
 
+static const char *journal_answer;
+
+/* The numbers of those that are found, as "1 2 3". */
+static const char *found_in_journal(const char *name, const char *value, const char *other, const char *with)
+{
+    static char numbers[64];
+    const char *const asked[] = {name, value, other, with};
+    size_t n = 0;
+    numbers[0] = '\0';
+    memset(query, 0, sizeof query);
+    memcpy(query, asked, sizeof asked);
+    journal_answer = ask_text(get_alarm_journal);
+    for (const char *at = journal_answer; (at = strstr(at, "{\"number\":")) != NULL; at++)
+        n += (size_t)snprintf(numbers + n, sizeof numbers - n, "%s%ld", n ? " " : "",
+                              strtol(at + strlen("{\"number\":"), NULL, 10));
+    return numbers;
+}
+
+static void the_journal_is_searched_and_read_page_by_page(void **state)
+{
+    char until[32];
+    (void)state;
+    measured(20); /* y.high comes */
+    measured(1);  /* and goes */
+    measured(-20);
+    measured(1);
+    measured(20);
+    assert_string_equal(found_in_journal(NULL, NULL, NULL, NULL), "1 2 3 4 5");
+    assert_string_equal(found_in_journal("text", "MUCH  y", NULL, NULL), "1 2 5");
+    assert_string_equal(found_in_journal("text", "much low", NULL, NULL), "");
+    assert_string_equal(found_in_journal("text", "low", "last", "1"), "4");
+    assert_string_equal(found_in_journal("area", "left", "priority", "1,2"), "1 2 5");
+    assert_string_equal(found_in_journal("area", "lef", NULL, NULL), "");
+    assert_string_equal(found_in_journal("state", "RTN Unacknowledged", NULL, NULL), "2 4");
+    assert_string_equal(found_in_journal("state", "Unacknowledged Active", "last", "1"), "5");
+    assert_string_equal(found_in_journal("state", "Shelved", NULL, NULL), "");
+    /* an answer says how the page before it is asked for */
+    assert_string_equal(found_in_journal("last", "2", NULL, NULL), "4 5");
+    static const char page_before[] = "\"next\":{\"before\":4,\"until\":";
+    const char *next = strstr(journal_answer, page_before);
+    assert_non_null(next);
+    next += sizeof page_before - 1;
+    snprintf(until, sizeof until, "%.*s", (int)strcspn(next, "}"), next);
+    assert_string_equal(found_in_journal("before", "4", "until", until), "1 2 3");
+    assert_non_null(strstr(journal_answer, "\"next\":null}"));
+    assert_string_equal(found_in_journal("before", "4", "last", "1"), "3");
+}
+
 static void what_is_no_range_is_refused(void **state)
 {
-    static const char *const wrong[][4] = {
-        {"last", "0"}, {"last", "1001"}, {"since", "then"}, {"since", "-5", "until", "-10"}};
+    static const char *const wrong[][4] = {{"last", "0"},
+                                           {"last", "1001"},
+                                           {"since", "then"},
+                                           {"priority", "1,"},
+                                           {"priority", "5"},
+                                           {"priority", ""},
+                                           {"state", "Shelved, no"},
+                                           {"state", ""},
+                                           {"before", "0"},
+                                           {"since", "-5", "until", "-10"}};
     (void)state;
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         memset(query, 0, sizeof query);
@@ -166,7 +222,7 @@ static void a_store_without_alarms_has_none(void **state)
     assert_true(apc_store_init(empty) >= 0);
     store = empty;
     assert_non_null(strstr(ask_text(get_alarms), "\"evaluated\":false,\"time\":null,\"alarms\":[]}"));
-    assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[]}"));
+    assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[],\"next\":null}"));
     store = own;
     apc_store_close(empty);
 }
@@ -681,6 +737,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(the_list_says_how_all_alarms_stand),
         T(the_journal_gives_the_newest_in_their_order),
+        T(the_journal_is_searched_and_read_page_by_page),
         T(what_is_no_range_is_refused),
         T(a_store_without_alarms_has_none),
         T(figures_count_them),

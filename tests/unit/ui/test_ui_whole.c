@@ -159,7 +159,7 @@ static const struct asked {
     {get_prediction, {"at", "1005"}, NULL, 0x2ace9d86},
     {get_prediction, {"at", "soon"}, NULL, 0xfde356dc},
     {get_alarms, {NULL}, NULL, 0x95bc46bb},
-    {get_alarm_journal, {"since", "1000", "until", "1020"}, NULL, 0xcd113611},
+    {get_alarm_journal, {"since", "1000", "until", "1020"}, NULL, 0xec5ec0eb},
     {get_alarm_figures, {"since", "1000", "until", "1020"}, NULL, 0xfd6c926d},
     {get_kpis, {"since", "1000", "until", "1012"}, NULL, 0xf9f370aa},
     {get_kpis, {"since", "1012", "until", "1000"}, NULL, 0x5f0e2d75},

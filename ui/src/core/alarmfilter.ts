@@ -11,16 +11,16 @@ export const STATES = {
 } as const;
 export type OnlyState = (typeof STATES)["all"][number];
 
-export interface AlarmFilter {
+export interface AlarmFilter<State extends string = OnlyState> {
   text: string;
   area: string; // and what is below it; "": any
   priorities: readonly number[]; // none: any
-  state: OnlyState | ""; // "": any
+  state: State | ""; // "": any
 }
 
-export const everything: AlarmFilter = {text: "", area: "", priorities: [], state: ""};
+export const everything: AlarmFilter<never> = {text: "", area: "", priorities: [], state: ""};
 
-export const isFiltering = (f: AlarmFilter): boolean => f.text !== "" || f.area !== "" || f.priorities.length > 0 || f.state !== "";
+export const isFiltering = (f: AlarmFilter<string>): boolean => f.text !== "" || f.area !== "" || f.priorities.length > 0 || f.state !== "";
 
 /** Where each alarm is, by id: its area; where no alarm has one, the controller of its loop. */
 export function placesOf(all: AlarmIs[], loops: Loop[]): ReadonlyMap<number, string> {
@@ -37,10 +37,13 @@ const isSo: Record<OnlyState, (one: Alarm) => boolean> = {
   out: ({now}) => now.state.startsWith("Out"),
 };
 
+/** Whatever becomes of it. */
+export function isOf(f: AlarmFilter<string>, one: AlarmIs, area: string): boolean {
+  return found(f.text, one) && isIn(area, f.area) && (f.priorities.length === 0 || f.priorities.includes(one.priority));
+}
+
 export function passes(f: AlarmFilter, one: Alarm, places: ReadonlyMap<number, string>): boolean {
-  return (
-    found(f.text, one) && isIn(places.get(one.id) ?? "", f.area) && (f.priorities.length === 0 || f.priorities.includes(one.priority)) && (f.state === "" || isSo[f.state](one))
-  );
+  return isOf(f, one, places.get(one.id) ?? "") && (f.state === "" || isSo[f.state](one));
 }
 
 /** How many of each priority nobody has acknowledged. */

@@ -90,9 +90,9 @@ export function beside(w: Window, other: Window): Window {
 }
 
 /** Why a window cannot be shown as it was asked for; null: it can. */
-export function refuse(from: number, to: number, now: number): string | null {
+export function refuse(from: number, to: number, now: number, most = MOST): string | null {
   if (!isFinite(from) || !isFinite(to)) return tr("view.noTime");
   if (to <= from) return tr("view.order");
   if (to > now) return tr("view.future", {now: stamp(now)});
-  return to - from > MOST ? tr("view.tooLong", {days: MOST / 86400}) : null;
+  return to - from > most ? tr("view.tooLong", {days: most / 86400}) : null;
 }

@@ -8,7 +8,7 @@ import {useCell} from "../usecell";
 import {usePress} from "../usepress";
 import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
-import {everything, isFiltering, passes, placesOf, STATES, waitingOf} from "../core/alarmfilter";
+import {type AlarmFilter, everything, isFiltering, passes, placesOf, STATES, waitingOf} from "../core/alarmfilter";
 import {acknowledgement, type Alarm, counted, countsText, isMasked, kept, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
 import {Cell} from "../core/cell";
 import {env} from "../core/env";
@@ -69,7 +69,7 @@ const shows: Record<ListView, (one: Alarm) => boolean> = {standing: one => one.n
 const HOLD = 60; // s without a move or a key: whoever pointed at the list has gone
 
 function List({view, all, shelveMax, open: named}: {view: ListView; all: Alarm[]; shelveMax: number; open: number | null}): JSX.Element {
-  const [chosen, setFilter] = useState(everything);
+  const [chosen, setFilter] = useState<AlarmFilter>(everything);
   const filter = useMemo(() => ((STATES[view] as readonly string[]).includes(chosen.state) ? chosen : {...chosen, state: "" as const}), [chosen, view]);
   const [opened, setOpened] = useState<ReadonlySet<number>>(new Set());
   const last = useRef<number | null>(null);
@@ -119,7 +119,7 @@ function List({view, all, shelveMax, open: named}: {view: ListView; all: Alarm[]
     );
   return (
     <>
-      <AlarmFilterForm view={view} filter={filter} change={setFilter} places={places}>
+      <AlarmFilterForm states={STATES[view].map(one => [one, tr(`alarms.only.${one}`)] as const)} filter={filter} change={setFilter} places={places}>
         <span class="spring" />
         <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} {...everyone.on}>
           {waiting.length > 0 ? tr("alarms.acknowledgeAllN", {n: waiting.length}) : tr("alarms.acknowledgeAll")}

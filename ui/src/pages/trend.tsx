@@ -5,7 +5,7 @@ import {Cell} from "../core/cell";
 import {env, every} from "../core/env";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
-import {clock, csv, duration, exact, fromUntil, fromWall, iso, missing, number, stamp, when, zone, zoneAt} from "../core/format";
+import {clock, csv, duration, exact, fromUntil, iso, missing, number, stamp, when, zone} from "../core/format";
 import {merge} from "../core/eventlist";
 import {holds} from "../core/history";
 import {type Mark, marksOf, near} from "../core/marks";
@@ -14,6 +14,7 @@ import {takes} from "../drag";
 import {isMeant, isTyping} from "../keyboard";
 import {Nothing} from "../parts/nothing";
 import {PenSearch, Stroke} from "../parts/pens";
+import {FromTo} from "../parts/fromto";
 import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {Tag} from "../parts/tag";
@@ -358,7 +359,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>{tr("trend.events")}</button>
       <button type="button" onClick={fit}>{tr("trend.autoscale")}</button>
       {own && !pens && <button type="button" onClick={() => setOwn(null)}>{tr("trend.defaultScale")}</button>}
-      <FromTo win={win} apply={setWin} />
+      <FromTo from={bounds(win, shownNow())[0]} to={bounds(win, shownNow())[1]} refuse={refuse} apply={(from, to) => setWin(w => beside(w, select(from, to)))} />
       <span class="spring" />
       {!pens && <a class="button" href={path("trend", asPens())}>{tr("trend.select")}</a>}
       <button type="button" onClick={exportCsv}>CSV</button>
@@ -542,51 +543,5 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
       {beyond && <span class="complaint">▲ {tr("trend.offAxis")}</span>}
       {curves.loading && <span class="say">{tr("common.loading")}</span>}
     </div>
-  );
-}
-
-function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.Element {
-  const [open, setOpen] = useState(false);
-  const [from, to] = bounds(win, shownNow());
-  const text = (t: number): string => stamp(t).replace(" ", "T");
-  const [texts, setTexts] = useState({from: text(from), to: text(to)});
-  const [zones, setZones] = useState({from: zoneAt(from), to: zoneAt(to)}); // which of two times of an hour that comes twice
-  const meant = {from: fromWall(Date.parse(`${texts.from}Z`) / 1000), to: fromWall(Date.parse(`${texts.to}Z`) / 1000)};
-  const one = (end: "from" | "to"): number => meant[end].find(t => zoneAt(t) === zones[end]) ?? meant[end].at(end === "from" ? 0 : -1) ?? NaN;
-  const [a, b] = [one("from"), one("to")];
-  const skipped = (["from", "to"] as const).find(end => meant[end].length === 0 && !isNaN(Date.parse(`${texts[end]}Z`)));
-  const refused = skipped ? tr("trend.skipped", {time: texts[skipped].replace("T", " ")}) : refuse(a, b, shownNow());
-  const which = (end: "from" | "to"): JSX.Element | false => meant[end].length > 1 && (
-    <select aria-label={tr(end === "from" ? "trend.whichFrom" : "trend.whichTo")} value={zoneAt(one(end))} onChange={event => setZones({...zones, [end]: event.currentTarget.value})}>
-      {meant[end].map(t => <option key={t} value={zoneAt(t)}>{zoneAt(t)}</option>)}
-    </select>
-  );
-  return (
-    <details
-      class="from-to"
-      onToggle={event => {
-        setOpen(event.currentTarget.open);
-        if (!event.currentTarget.open) return;
-        setTexts({from: text(from), to: text(to)});
-        setZones({from: zoneAt(from), to: zoneAt(to)});
-      }}
-    >
-      <summary>{tr("trend.range")}</summary>
-      {open && (
-        <form
-          class="toolbar"
-          onSubmit={event => {
-            event.preventDefault();
-            if (!refused) apply(beside(win, select(a, b)));
-          }}
-        >
-          <label>{tr("trend.from")} <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /> {which("from")}</label>
-          <label>{tr("trend.to")} <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /> {which("to")}</label>
-          <span class="unit">{zone}</span>
-          <button type="submit" class="primary" disabled={refused != null}>{tr("trend.show")}</button>
-          {refused && <span class="complaint">{refused}</span>}
-        </form>
-      )}
-    </details>
   );
 }

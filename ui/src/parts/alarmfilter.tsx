@@ -2,22 +2,22 @@
 // What a list of alarms shows: by text, area, priority and state.
 import type {ComponentChildren, JSX} from "preact";
 import {useMemo} from "preact/hooks";
-import {type AlarmFilter, everything, type OnlyState, STATES} from "../core/alarmfilter";
+import {type AlarmFilter, everything} from "../core/alarmfilter";
 import {areasOf} from "../core/list";
 import {tr} from "../core/texts";
 import {type Priority, Shape} from "./shape";
 
 const priorities: Priority[] = [1, 2, 3, 4];
 
-interface Props {
-  view: keyof typeof STATES;
-  filter: AlarmFilter;
-  change: (filter: AlarmFilter) => void;
+interface Props<State extends string> {
+  states: readonly (readonly [State, string])[]; // with their words
+  filter: AlarmFilter<State>;
+  change: (filter: AlarmFilter<State>) => void;
   places: ReadonlyMap<number, string>;
   children: ComponentChildren; // beside it
 }
 
-export function AlarmFilterForm({view, filter, change, places, children}: Props): JSX.Element {
+export function AlarmFilterForm<State extends string>({states, filter, change, places, children}: Props<State>): JSX.Element {
   const areas = useMemo(() => areasOf([...places.values()].map(area => ({area}))), [places]);
   const toggle = (one: Priority): void => change({...filter, priorities: filter.priorities.includes(one) ? filter.priorities.filter(other => other !== one) : [...filter.priorities, one]});
   return (
@@ -47,9 +47,9 @@ export function AlarmFilterForm({view, filter, change, places, children}: Props)
       </div>
       <label>
         {tr("common.state")}{" "}
-        <select value={filter.state} onChange={event => change({...filter, state: event.currentTarget.value as OnlyState | ""})}>
+        <select class="loop-choice" value={filter.state} onChange={event => change({...filter, state: event.currentTarget.value as State | ""})}>
           <option value="">{tr("many.any")}</option>
-          {STATES[view].map(one => <option key={one} value={one}>{tr(`alarms.only.${one}`)}</option>)}
+          {states.map(([one, words]) => <option key={one} value={one}>{words}</option>)}
         </select>
       </label>
       {children}
