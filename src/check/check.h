@@ -144,10 +144,11 @@ struct scenario_trigger {
         TRIGGER_ACTION = 1,
         TRIGGER_SENSOR,
         TRIGGER_ACTUATOR,
+        TRIGGER_PLANT,
         TRIGGER_DISTURBANCE
     } what;
     struct action action;
-    size_t fault; /* its place in e.faults or e.actuator_faults */
+    size_t fault; /* its place in e.faults, e.actuator_faults or e.plant.fault */
     struct apc_disturbance disturbance;
     char path[APC_TAG_LEN + 56]; /* of the list in the experiment that has it, or of a fault itself */
     char *text;                  /* what it is there, behind its time; NULL: a fault */

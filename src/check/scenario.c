@@ -25,7 +25,7 @@ struct scenario_change {
 struct scenario_when {
     const config_setting_t *group;
     enum scenario_trigger_what what;
-    size_t signal, fault; /* of a fault: whose, by its place; which of its own */
+    size_t signal, fault; /* of a fault: whose, by its place, but for the plant; which of its list */
 };
 
 struct scenario_reading {
@@ -74,34 +74,28 @@ static bool has_when(const config_setting_t *group)
     return config_setting_get_member(group, "when");
 }
 
-/* As the experiment has them: of a fault without its signal, and without a condition. */
-static void put_experiment_members(FILE *out, const config_setting_t *group, bool fault)
+/* As the experiment has them: of a fault, which is of @kind, without its signal, and without a condition. */
+static void put_experiment_members(FILE *out, const config_setting_t *group, const char *kind)
 {
     const bool waits = has_when(group);
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         char *text = NULL;
         const char *name = config_setting_name(member);
-        if ((fault && !strcmp(name, "signal")) ||
-            (waits && (!strcmp(name, "when") || !strcmp(name, "after"))))
+        if ((kind && !strcmp(name, "signal")) || (waits && (!strcmp(name, "when") || !strcmp(name, "after"))))
             continue;
-        if (experiment_setting_text(member, &text) == 0)
+        if (kind && !strcmp(name, "kind"))
+            fprintf(out, "kind = \"%s\"; ", kind);
+        else if (experiment_setting_text(member, &text) == 0)
             fprintf(out, "%s = %s; ", name, text);
         free(text);
     }
     fputc('}', out);
 }
 
-/* A fault has instead of its condition a time, which is not kept. */
-static void put_experiment_group(FILE *out, const config_setting_t *group, bool fault)
-{
-    fputs(fault && has_when(group) ? "{ at = 0.0; " : "{ ", out);
-    put_experiment_members(out, group, fault);
-}
-
 /* The last change of @p path is a list, which gets one element more; or there is none, and it gets the first. */
 static void grow_list(struct scenario_reading *r, const char *path, const config_setting_t *element,
-                      bool fault)
+                      const char *kind)
 {
     char *list = NULL;
     size_t size = 0;
@@ -114,7 +108,8 @@ static void grow_list(struct scenario_reading *r, const char *path, const config
     if (out) {
         fprintf(out, "%.*s%s", before ? (int)strlen(before) - 1 : 1, before ? before : "(",
                 before ? ", " : "");
-        put_experiment_group(out, element, fault);
+        fputs(has_when(element) ? "{ at = 0.0; " : "{ ", out); /* a fault: a time that is not kept */
+        put_experiment_members(out, element, kind);
         fputc(')', out);
     }
     if (!out || fclose(out) != 0) {
@@ -168,7 +163,7 @@ static void read_scenario_action(struct scenario_reading *r, const config_settin
     if (has_when(group))
         add_when(r, (struct scenario_when){.group = group, .what = TRIGGER_ACTION});
     else
-        grow_list(r, "actions", group, false);
+        grow_list(r, "actions", group, NULL);
 }
 
 static void read_scenario_disturbance(struct scenario_reading *r, const config_setting_t *group)
@@ -176,15 +171,18 @@ static void read_scenario_disturbance(struct scenario_reading *r, const config_s
     if (has_when(group))
         add_when(r, (struct scenario_when){.group = group, .what = TRIGGER_DISTURBANCE});
     else
-        grow_list(r, "plant.disturbances", group, false);
+        grow_list(r, "plant.disturbances", group, NULL);
 }
 
 static void put_fault_path(const struct experiment *e, const struct scenario_when *when, char *path,
                            size_t size)
 {
     const bool y = when->what == TRIGGER_SENSOR;
-    snprintf(path, size, "%s.%s.faults", y ? "measurements" : "outputs",
-             y ? e->y[when->signal].tag.name : e->u[when->signal].tag.name);
+    if (when->what == TRIGGER_PLANT)
+        snprintf(path, size, "plant.faults");
+    else
+        snprintf(path, size, "%s.%s.faults", y ? "measurements" : "outputs",
+                 y ? e->y[when->signal].tag.name : e->u[when->signal].tag.name);
 }
 
 static size_t count_changes(const struct scenario_reading *r, const char *path)
@@ -195,32 +193,52 @@ static size_t count_changes(const struct scenario_reading *r, const char *path)
     return n;
 }
 
+/* @kind NULL: the list has all that the group has. */
+static void add_scenario_fault(struct scenario_reading *r, struct scenario_when when, const char *kind)
+{
+    char path[APC_TAG_LEN + 32];
+    put_fault_path(&r->of->e, &when, path, sizeof path);
+    when.fault = count_changes(r, path);
+    grow_list(r, path, when.group, kind);
+    if (has_when(when.group) && !r->s.failed)
+        add_when(r, when);
+}
+
+static void refuse_scenario_fault(struct scenario_reading *r, const config_setting_t *group,
+                                  const char *signal)
+{
+    const struct experiment *e = &r->of->e;
+    struct nearest nearest = {.wanted = signal};
+    for (size_t i = 0; experiment_fault(e, i).kind; i++)
+        nearest_look(&nearest, experiment_fault(e, i).signal);
+    settings_fail(&r->s, group,
+                  "there is no measurement, output, controller, disturbance or parameter \"%s\"%s%s%s",
+                  signal, nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                  nearest.name ? "\"?" : "");
+}
+
+/* The power of the plant is that of all its sensors and actuators. */
 static void read_scenario_fault(struct scenario_reading *r, const config_setting_t *group)
 {
     const struct experiment *e = &r->of->e;
-    char name[APC_TAG_LEN] = "", path[APC_TAG_LEN + 32] = "";
-    struct nearest nearest = {.wanted = name};
-    struct scenario_when when = {.group = group};
+    char name[EXPERIMENT_NAME] = "", kind[16] = "";
     settings_text(&r->s, group, "signal", REQUIRED, name, sizeof name);
-    for (size_t i = 0; i < e->dim.ny + e->dim.nu && !*path; i++) {
+    settings_text(&r->s, group, "kind", REQUIRED, kind, sizeof kind);
+    const bool power = !strcmp(name, "plant") && !strcmp(kind, "power");
+    bool found = r->s.failed;
+    for (size_t i = 0; i < e->dim.ny + e->dim.nu && (!found || power); i++) {
         const bool y = i < e->dim.ny;
-        const char *its = y ? e->y[i].tag.name : e->u[i - e->dim.ny].tag.name;
-        if (!strcmp(its, name)) {
-            when.what = y ? TRIGGER_SENSOR : TRIGGER_ACTUATOR;
-            when.signal = y ? i : i - e->dim.ny;
-            put_fault_path(e, &when, path, sizeof path);
+        const struct scenario_when when = {
+            .group = group, .what = y ? TRIGGER_SENSOR : TRIGGER_ACTUATOR, .signal = y ? i : i - e->dim.ny};
+        if (power || !strcmp(y ? e->y[i].tag.name : e->u[i - e->dim.ny].tag.name, name)) {
+            add_scenario_fault(r, when, power && y ? "dropout" : kind);
+            found = true;
         }
-        nearest_look(&nearest, its);
     }
-    when.fault = count_changes(r, path);
-    if (!*path)
-        settings_fail(&r->s, group, "there is no measurement or output \"%s\"%s%s%s", name,
-                      nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
-                      nearest.name ? "\"?" : "");
-    else
-        grow_list(r, path, group, true);
-    if (has_when(group) && !r->s.failed)
-        add_when(r, when);
+    if (!found && experiment_find_plant_fault(e, name, NULL) < e->plant.n_faults)
+        add_scenario_fault(r, (struct scenario_when){.group = group, .what = TRIGGER_PLANT}, NULL);
+    else if (!found)
+        refuse_scenario_fault(r, group, name);
 }
 
 /* ---- Texts ---------------------------------------------------------------------------------- */
@@ -359,16 +377,23 @@ static void find_triggered_fault(struct scenario_reading *r, const struct scenar
                                  struct scenario_trigger *trigger)
 {
     const struct experiment *e = &r->of->e;
-    const bool y = when->what == TRIGGER_SENSOR;
-    const size_t n = y ? e->sensor[when->signal].n_faults - EXPERIMENT_SENSOR_KINDS
-                       : e->actuator[when->signal].n_faults - EXPERIMENT_ACTUATOR_KINDS;
+    const size_t n = when->what == TRIGGER_PLANT ? e->plant.n_timed
+                     : when->what == TRIGGER_SENSOR
+                         ? e->sensor[when->signal].n_faults - EXPERIMENT_SENSOR_KINDS
+                         : e->actuator[when->signal].n_faults - EXPERIMENT_ACTUATOR_KINDS;
+    const char *signal = "", *kind = "";
     char path[APC_TAG_LEN + 32];
+    (void)config_setting_lookup_string(when->group, "signal", &signal);
+    (void)config_setting_lookup_string(when->group, "kind", &kind);
     put_fault_path(e, when, path, sizeof path);
     if (n == 0 || n != count_changes(r, path))
         settings_fail(&r->s, when->group, "a setting of %s is in the way of a fault with a condition", path);
+    else if (when->what == TRIGGER_PLANT)
+        trigger->fault = experiment_find_plant_fault(e, signal, kind);
     else
-        trigger->fault = when->fault + (size_t)(y ? e->sensor[when->signal].fault - e->faults
-                                                  : e->actuator[when->signal].fault - e->actuator_faults);
+        trigger->fault = when->fault + (size_t)(when->what == TRIGGER_SENSOR
+                                                    ? e->sensor[when->signal].fault - e->faults
+                                                    : e->actuator[when->signal].fault - e->actuator_faults);
     snprintf(trigger->path, sizeof trigger->path, "%s.[%zu]", path, when->fault);
 }
 
@@ -380,7 +405,7 @@ static void keep_group(struct scenario_reading *r, const struct scenario_when *w
     FILE *out = open_memstream(&trigger->text, &size);
     snprintf(trigger->path, sizeof trigger->path, "%s", path);
     if (out)
-        put_experiment_members(out, when->group, false);
+        put_experiment_members(out, when->group, NULL);
     if (!out || fclose(out) != 0)
         lack_memory(r);
 }

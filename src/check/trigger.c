@@ -31,6 +31,7 @@ int triggers_make(struct run_triggers *t, const struct scenario *of, struct simu
         APC_PART(t->done, of->n_triggers),
         APC_PART(e->plant.disturbance, e->plant.n_disturbances),
         APC_PART_COPY(e->sensor, e->dim.ny, of->e.sensor),
+        APC_PART_COPY(e->plant.fault, e->plant.n_faults, of->e.plant.fault),
         APC_PART_COPY(e->actuator, n_actuators, of->e.actuator),
         APC_PART_COPY(e->faults, n_faults, of->e.faults),
         APC_PART_COPY(e->actuator_faults, n_actuator_faults, of->e.actuator_faults)};
@@ -54,6 +55,8 @@ int triggers_make(struct run_triggers *t, const struct scenario *of, struct simu
             e->faults[trigger->fault].at = NEVER;
         else if (trigger->what == TRIGGER_ACTUATOR)
             e->actuator_faults[trigger->fault].at = NEVER;
+        else if (trigger->what == TRIGGER_PLANT)
+            e->plant.fault[trigger->fault].at = NEVER;
     }
     return 0;
 }
@@ -97,6 +100,8 @@ static void happen_now(struct run_triggers *t, const struct scenario_trigger *tr
         disturb_now(t, &trigger->disturbance, now - t->first);
     else if (trigger->what == TRIGGER_SENSOR)
         t->e.faults[trigger->fault].at = now - t->first;
+    else if (trigger->what == TRIGGER_PLANT)
+        t->e.plant.fault[trigger->fault].at = now - t->first;
     else
         t->e.actuator_faults[trigger->fault].at = now - t->first;
 }

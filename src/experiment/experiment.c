@@ -311,10 +311,10 @@ static void check_lab(struct settings *s, const config_setting_t *group, const s
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
                        bool resolve_model, bool wanted, const char *override, const struct record *record)
 {
-    static const char *const known[] = {
-        "model",        "parameters", "x0",       "listen",  "integrator", "rtol",
-        "atol",         "steps",      "inputs",   "outputs", "dead_time",  "noise",
-        "disturbances", "external",   "identity", "clients", RHYTHM,       NULL};
+    static const char *const known[] = {"model",     "parameters", "x0",           "listen", "integrator",
+                                        "rtol",      "atol",       "steps",        "inputs", "outputs",
+                                        "dead_time", "noise",      "disturbances", "faults", "external",
+                                        "identity",  "clients",    RHYTHM,         NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;
@@ -687,6 +687,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     }
     read_plant(s, root, e, (parts & EXPERIMENT_MODEL) || (laws && wanted), wanted,
                overrides ? overrides->model : NULL, record);
+    experiment_read_plant_faults(s, root, e);
     read_scheduler(s, root, e);
     check_rhythms(s, root, e);
     for (size_t i = 0; i < e->n_controllers; i++)

@@ -78,9 +78,19 @@ struct rhythm {
     struct task_model model; /* in virtual time */
 };
 
-/* From a time on, since the plant's first tick, a disturbance is another one, or a parameter is off by so much more each
- * second. As an instructor says: FAULT_NEVER in an experiment. */
+/* From a time on, since the plant's first tick, a disturbance is another one, a parameter is off by so much more each
+ * second, the link is lost, or a controller hangs or is killed. FAULT_NEVER: as an instructor says. */
 struct plant_fault {
+    enum fault_of {
+        FAULT_OF_SENSOR,
+        FAULT_OF_ACTUATOR,
+        FAULT_OF_LINK,
+        FAULT_HANGS, /* of a controller, */
+        FAULT_KILLS, /* which is started again at its end */
+        FAULT_OF_DISTURBANCE,
+        FAULT_OF_PARAMETER
+    } of;
+    size_t k;            /* of the controllers, disturbances or parameters */
     apc_ns at, duration; /* duration 0: for ever */
     double size;
 };
@@ -219,8 +229,8 @@ struct experiment {
         double *noise;                    /* [model->nx] or NULL */
         struct apc_disturbance *disturbance;
         size_t n_disturbances;
-        struct plant_fault *fault; /* [n_faults] of each disturbance, then of each parameter */
-        size_t n_faults;
+        struct plant_fault *fault; /* [n_faults] the link's, those of controllers and of what the model has */
+        size_t n_faults, n_timed;  /* n_timed: of the file */
     } plant;
     struct {
         struct rhythm rhythm;
@@ -607,7 +617,7 @@ int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record 
 
 /*
  * Fault number @p i: those of the experiment's measurements, then those of its outputs; behind these one of each kind for
- * each of them, each disturbance and each parameter of the plant, which waits for an instructor. When it begins, since the
+ * each of them, the link, each controller, disturbance and parameter of the plant, which waits for an instructor. When it begins, since the
  * plant's first tick, and the numbers of one that waits so, are of this run (LOOPS_FAULT). kind NULL: there are no more.
  */
 #define FAULT_NEVER INT64_MAX
@@ -636,7 +646,7 @@ enum fault_if {
 };
 struct experiment_fault {
     const char *signal, *kind;
-    enum fault_of { FAULT_OF_SENSOR, FAULT_OF_ACTUATOR, FAULT_OF_DISTURBANCE, FAULT_OF_PARAMETER } of;
+    enum fault_of of;
     size_t k; /* which of them */
     apc_ns *at, *duration;
     double *number[FAULT_HIGH + 1]; /* NULL: it has none */
@@ -648,6 +658,8 @@ struct experiment_fault experiment_fault(const struct experiment *e, size_t i);
 /* Of these last ones, of a measurement or an output. */
 #define EXPERIMENT_SENSOR_KINDS   ((size_t)APC_FAULT_FROZEN)
 #define EXPERIMENT_ACTUATOR_KINDS ((size_t)APC_ACTUATOR_POWER)
+/* Its place among the plant's; n_faults: there is none. @kind NULL: of any. */
+size_t experiment_find_plant_fault(const struct experiment *e, const char *signal, const char *kind);
 
 /* Those of the experiment of a store. */
 struct faults {

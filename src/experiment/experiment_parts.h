@@ -19,6 +19,8 @@ void models_free(struct models *m);
 void experiment_choose_variables(struct settings *s, const config_setting_t *group, struct experiment *e);
 void experiment_read_dynamics(struct settings *s, const config_setting_t *group, struct experiment *e,
                               bool own);
+/* Of the plant, as it is read, and of what controls it. */
+void experiment_read_plant_faults(struct settings *s, const config_setting_t *root, struct experiment *e);
 /* measurements, signals, setpoints, outputs of the file's root. */
 void experiment_read_signals(struct settings *s, const config_setting_t *root, struct experiment *e);
 /* noise, quantum and faults of the measurements. */

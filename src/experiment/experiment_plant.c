@@ -97,20 +97,46 @@ static struct experiment_fault actuator_fault(const struct experiment *e, size_t
                  (ends ? 1U << FAULT_LOW | 1U << FAULT_HIGH : 0)};
 }
 
+static const char *const plant_faults[] = {
+    [FAULT_OF_SENSOR] = "",         [FAULT_OF_ACTUATOR] = "",
+    [FAULT_OF_LINK] = "lost",       [FAULT_HANGS] = "hung",
+    [FAULT_KILLS] = "killed",       [FAULT_OF_DISTURBANCE] = "disturbance",
+    [FAULT_OF_PARAMETER] = "drift", NULL};
+
+static bool is_of_model(const struct plant_fault *fault)
+{
+    return fault->of == FAULT_OF_DISTURBANCE || fault->of == FAULT_OF_PARAMETER;
+}
+
+static const char *plant_fault_signal(const struct experiment *e, const struct plant_fault *fault)
+{
+    if (fault->of == FAULT_OF_LINK)
+        return "link";
+    return fault->of == FAULT_OF_DISTURBANCE ? e->plant.model->disturbance[fault->k].name
+           : fault->of == FAULT_OF_PARAMETER ? e->plant.model->param[fault->k].name
+                                             : e->controllers[fault->k].name;
+}
+
 static struct experiment_fault plant_fault(const struct experiment *e, size_t i)
 {
-    const struct apc_model *m = e->plant.model;
     struct plant_fault *fault = &e->plant.fault[i];
-    const bool parameter = i >= m->nd;
-    const size_t k = parameter ? i - m->nd : i;
-    return (struct experiment_fault){.signal = parameter ? m->param[k].name : m->disturbance[k].name,
-                                     .kind = parameter ? "drift" : "disturbance",
-                                     .of = parameter ? FAULT_OF_PARAMETER : FAULT_OF_DISTURBANCE,
-                                     .k = k,
+    return (struct experiment_fault){.signal = plant_fault_signal(e, fault),
+                                     .kind = plant_faults[fault->of],
+                                     .of = fault->of,
+                                     .k = fault->k,
                                      .at = &fault->at,
                                      .duration = &fault->duration,
-                                     .number = {[FAULT_SIZE] = &fault->size},
-                                     .takes = 1U << FAULT_SIZE};
+                                     .number = {[FAULT_SIZE] = is_of_model(fault) ? &fault->size : NULL},
+                                     .takes = is_of_model(fault) ? 1U << FAULT_SIZE : 0};
+}
+
+size_t experiment_find_plant_fault(const struct experiment *e, const char *signal, const char *kind)
+{
+    size_t i = 0;
+    while (i < e->plant.n_faults && (strcmp(plant_fault_signal(e, &e->plant.fault[i]), signal) != 0 ||
+                                     (kind && strcmp(plant_faults[e->plant.fault[i].of], kind) != 0)))
+        i++;
+    return i;
 }
 
 /* Number *@p i of the experiment's own; else *@p i has become one of those that wait for an instructor. */
@@ -474,10 +500,6 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
     struct apc_error why;
     int64_t steps = 0;
     o->size = sizeof *o;
-    e->plant.n_faults = e->plant.model->nd + (e->plant.model->param ? e->plant.model->np : 0);
-    e->plant.fault = zeros(s, e->plant.n_faults, sizeof *e->plant.fault);
-    for (size_t i = 0; i < e->plant.n_faults && !s->failed; i++)
-        e->plant.fault[i].at = FAULT_NEVER;
     settings_text(s, group, "integrator", OPTIONAL, e->plant.integrator, sizeof e->plant.integrator);
     settings_number(s, group, "rtol", OPTIONAL, 1e-15, 0.1, &o->rtol);
     settings_number(s, group, "atol", OPTIONAL, 1e-300, 1e300, &o->atol);
@@ -494,6 +516,65 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
         settings_fail(s, group, "%s", why.text);
     apc_plantserver_destroy(core);
     apc_plant_destroy(trial);
+}
+
+/* ---- Faults of the plant itself, and of what controls it ------------------------------------ */
+
+static void add_plant_fault(struct experiment *e, enum fault_of of, size_t k)
+{
+    e->plant.fault[e->plant.n_faults++] = (struct plant_fault){.of = of, .k = k, .at = FAULT_NEVER};
+}
+
+static void read_plant_fault(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    static const char *const known[] = {"signal", "kind", "at", "duration", "size", NULL};
+    char signal[EXPERIMENT_NAME] = "";
+    apc_ns when[2] = {0, 0};
+    const int kind = read_fault_time(s, group, known, plant_faults + FAULT_OF_ACTUATOR,
+                                     "\"lost\", \"hung\", \"killed\", \"disturbance\" or \"drift\"", when);
+    settings_text(s, group, "signal", REQUIRED, signal, sizeof signal);
+    if (s->failed)
+        return;
+    const char *said = plant_faults[FAULT_OF_ACTUATOR + kind];
+    const size_t i = experiment_find_plant_fault(e, signal, said);
+    struct plant_fault *fault = &e->plant.fault[i];
+    if (i == e->plant.n_faults)
+        settings_fail(
+            s, config_setting_get_member(group, "signal"),
+            "\"%s\" has no fault \"%s\": the link is lost, a controller hung or killed, a disturbance "
+            "another one, and parameters drift",
+            signal, said);
+    else if (fault->at != FAULT_NEVER)
+        settings_fail(s, group, "\"%s\" has a fault \"%s\" already: there is one of each at a time", signal,
+                      said);
+    else
+        read_fault_number(s, group, "size", is_of_model(fault), -APC_VALUE_MAX / 2, APC_VALUE_MAX / 2,
+                          &fault->size);
+    if (s->failed)
+        return;
+    fault->at = when[0];
+    fault->duration = when[1];
+    e->plant.n_timed++;
+}
+
+void experiment_read_plant_faults(struct settings *s, const config_setting_t *root, struct experiment *e)
+{
+    const struct apc_model *m = e->plant.external ? NULL : e->plant.model;
+    const config_setting_t *group = config_setting_get_member(root, "plant");
+    const config_setting_t *list = m ? settings_list(s, group, "faults", OPTIONAL) : NULL;
+    const size_t np = m && m->param ? m->np : 0, nd = m ? m->nd : 0;
+    e->plant.fault = zeros(s, 1 + 2 * e->n_controllers + nd + np, sizeof *e->plant.fault);
+    if (s->failed)
+        return;
+    add_plant_fault(e, FAULT_OF_LINK, 0);
+    for (size_t i = 0; i < 2 * e->n_controllers; i++)
+        add_plant_fault(e, i % 2 ? FAULT_KILLS : FAULT_HANGS, i / 2);
+    for (size_t i = 0; i < nd; i++)
+        add_plant_fault(e, FAULT_OF_DISTURBANCE, i);
+    for (size_t i = 0; i < np; i++)
+        add_plant_fault(e, FAULT_OF_PARAMETER, i);
+    for (int i = 0; list && !e->plant.plugin.chosen && i < config_setting_length(list) && !s->failed; i++)
+        read_plant_fault(s, config_setting_get_elem(list, (unsigned)i), e);
 }
 
 /* ---- Steps that are too long ---------------------------------------------------------------- */

@@ -57,7 +57,7 @@ static bool begins_with_any(const char *path, const char *const *names)
 /* Of a law or model that is not the file's: what is set would be passed over without a word. */
 static int check_effect(const struct experiment *e, const char *path, struct apc_error *why)
 {
-    static const char *const of_model[] = {"parameters", "x0", "noise", "disturbances", NULL};
+    static const char *const of_model[] = {"parameters", "x0", "noise", "disturbances", "faults", NULL};
     static const char *const of_law[] = {"tuning", "measurement_tuning", "settings", "model", "limits", "law",
                                          NULL};
     const char *rest = below(path, "plant");

@@ -78,7 +78,8 @@ void faults_close(struct faults *f)
 
 bool faults_listed(const struct faults *f, size_t i)
 {
-    return f->row[i].seq > 0 || experiment_fault(&f->e, i).numbers == 0;
+    const struct experiment_fault fault = experiment_fault(&f->e, i);
+    return f->row[i].seq > 0 || fault.numbers == 0 || *fault.at != FAULT_NEVER;
 }
 
 enum fault_state faults_state(const struct faults *f, size_t i)
@@ -281,9 +282,10 @@ static int refuse_fault(const struct faults *f, const char *signal, const char *
     }
     if (n > 0)
         return apc_fail(why, APC_ENOTFOUND, "%s has no fault \"%s\": there are %s", signal, kind, kinds);
-    return apc_fail(
-        why, APC_ENOTFOUND, "there is no measurement, output, disturbance or parameter \"%s\"%s%s%s", signal,
-        nearest.name ? ": did you mean " : "", nearest.name ? nearest.name : "", nearest.name ? "?" : "");
+    return apc_fail(why, APC_ENOTFOUND,
+                    "there is no measurement, output, controller, disturbance or parameter \"%s\"%s%s%s",
+                    signal, nearest.name ? ": did you mean " : "", nearest.name ? nearest.name : "",
+                    nearest.name ? "?" : "");
 }
 
 static int find_listed_fault(const struct faults *f, double number, struct fault_order *order,

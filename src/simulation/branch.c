@@ -26,6 +26,7 @@ static const char *const changeable[] = {"title",
                                          "plant.parameters",
                                          "plant.noise",
                                          "plant.disturbances",
+                                         "plant.faults",
                                          "scheduler.sequence",
                                          "scheduler.repeat",
                                          "measurements.*.noise",
@@ -147,8 +148,8 @@ static int compare_experiments(struct texts *t, const struct experiment *was, co
         rc =
             apc_fail(why, APC_EINVAL,
                      "%s is another than in the run: in the middle of a run laws, tuning, settings, modes, "
-                     "setpoints, parameters and disturbances of the plant, noise and faults of measurements, "
-                     "faults of outputs and actions may change, nothing else",
+                     "setpoints, parameters and disturbances of the plant, noise of measurements, faults and "
+                     "actions may change, nothing else",
                      d.path);
     if (rc == 0 && was->plant.model != is->plant.model &&
         strcmp(was->plant.model->name, is->plant.model->name) != 0)

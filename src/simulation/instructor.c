@@ -131,7 +131,6 @@ static void see_fault(struct simulation *s, size_t i, const struct apc_sample *r
     *fault.at = row->value == 0 ? FAULT_NEVER : fault_time(s, apc_clock_mono(s->clock));
     if (row->value != 0 && fault.numbers)
         take_numbers(s, i, &fault);
-    s->breaks_plant |= fault.of == FAULT_OF_DISTURBANCE || fault.of == FAULT_OF_PARAMETER;
 }
 
 void simulation_see_faults(struct simulation *s)
@@ -172,7 +171,7 @@ static void hold_drift(struct simulation *s, size_t i)
 /* Returns whether it is to be, or was, off. */
 static bool drift_parameter(struct simulation *s, size_t i, bool acts, apc_ns since, double *p)
 {
-    const struct apc_param *limits = &s->e->plant.model->param[i - s->e->plant.model->nd];
+    const struct apc_param *limits = &s->e->plant.model->param[s->e->plant.fault[i].k];
     const bool acted = s->plant_fault[i].acts;
     const double to = *p + s->e->plant.fault[i].size * apc_ns_to_s(since);
     if (acts)
@@ -182,16 +181,39 @@ static bool drift_parameter(struct simulation *s, size_t i, bool acts, apc_ns si
     return acts || acted;
 }
 
+static void break_controller(struct simulated *c, enum fault_of how, bool acts, bool acted)
+{
+    struct apc_error why;
+    if (how == FAULT_HANGS)
+        c->hangs = acts;
+    else if (acts && !acted)
+        simulation_kill(c);
+    else if (acted && !acts && simulation_start(c, &why) < 0)
+        simulation_stop(c->s, APC_ESTATE, "at t = %g s: %s", simulation_time(c->s), why.text);
+}
+
+static bool is_over(const struct plant_fault *fault, apc_ns t)
+{
+    return t < fault->at || (fault->duration > 0 && t - fault->at >= fault->duration);
+}
+
+static bool breaks_plant(const struct simulation *s, apc_ns t)
+{
+    for (size_t i = 0; i < s->e->plant.n_faults; i++)
+        if (s->plant_fault[i].acts || !is_over(&s->e->plant.fault[i], t))
+            return true;
+    return false;
+}
+
 /* From this tick on. */
 void simulation_break_plant(struct simulation *s)
 {
     const struct experiment *e = s->e;
-    const size_t nd = e->plant.model->nd, np = e->plant.model->np;
     const apc_ns t = fault_time(s, s->plant_now.mono);
-    double *p = s->breaks_plant ? calloc(np + 1, sizeof *p) : NULL;
     bool drifts = false;
-    if (!s->breaks_plant)
+    if (!breaks_plant(s, t))
         return;
+    double *p = calloc(e->plant.model->np + 1, sizeof *p);
     struct experiment seeded = *e;
     seeded.seed = s->seed;
     if (!p || experiment_draw(&seeded, s->seed, p, &s->why) < 0) {
@@ -201,17 +223,21 @@ void simulation_break_plant(struct simulation *s)
     }
     for (size_t i = 0; i < e->plant.n_faults; i++) {
         const struct plant_fault *fault = &e->plant.fault[i];
-        const bool acts = t >= fault->at && (fault->duration == 0 || t - fault->at < fault->duration);
+        const bool acts = !is_over(fault, t), acted = s->plant_fault[i].acts;
         s->plant_fault[i].held &= acts && t > fault->at;
-        if (i < nd && (acts || s->plant_fault[i].acts))
-            (void)apc_plant_disturb(s->plant, i, acts ? fault->size : disturbance_at(e, i, t));
-        if (i >= nd)
-            drifts |= drift_parameter(s, i, acts, t - fault->at, &p[i - nd]);
+        if (fault->of == FAULT_OF_LINK)
+            s->link_lost = acts;
+        else if (fault->of == FAULT_HANGS || fault->of == FAULT_KILLS)
+            break_controller(&s->controller[fault->k], fault->of, acts, acted);
+        else if (fault->of == FAULT_OF_PARAMETER)
+            drifts |= drift_parameter(s, i, acts, t - fault->at, &p[fault->k]);
+        else if (acts || acted)
+            (void)apc_plant_disturb(s->plant, fault->k, acts ? fault->size : disturbance_at(e, fault->k, t));
         s->plant_fault[i].acts = acts;
     }
     if (drifts && apc_plant_change(s->plant, p, NULL) < 0)
-        for (size_t i = nd; i < e->plant.n_faults; i++)
-            if (s->plant_fault[i].acts)
+        for (size_t i = 0; i < e->plant.n_faults; i++)
+            if (s->plant_fault[i].acts && e->plant.fault[i].of == FAULT_OF_PARAMETER)
                 hold_drift(s, i);
     free(p);
 }

@@ -217,6 +217,8 @@ static int serve_simulated_plant(void *ctx, uint64_t connection, const char *req
 {
     struct simulation *s = ctx;
     struct apc_notice notice;
+    if (s->link_lost)
+        return APC_ECONN;
     int rc = apc_plantserver_request(s->server, simulated_now(s), connection, request, length, reply, size,
                                      &notice);
     tell_notice(s, "apc-plant", &notice);
@@ -302,7 +304,7 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulated *c = ctx;
     struct apc_notice notice;
-    if (!c->core)
+    if (!c->core || c->hangs)
         return 0;
     simulation_stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
     const uint64_t before = c->s->before > 0 ? (uint64_t)(c->s->before / c->of->rhythm.period) : 0;

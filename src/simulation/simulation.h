@@ -31,6 +31,7 @@ struct simulated {
     bool claimed;                /* its outputs are */
     bool ticks;                  /* its tick has begun, and what it made is to take effect */
     bool holds;                  /* an output of its is not the law's */
+    bool hangs;                  /* by a fault: it makes no tick */
     uint64_t held, failures;     /* ticks at which that was so; of the law, until it was killed */
     struct ramps ramps;          /* that people asked for; at NULL: nobody has written anything yet */
 };
@@ -99,12 +100,13 @@ struct simulation {
 
     size_t n_faults;
     struct simulated_fault {
-        int64_t seen;               /* seq of the row that started or stopped it, as far as it is seen */
-        apc_ns at;                  /* when it begins by the experiment, which has that again afterwards */
-        bool waits;                 /* until its condition is true */
-    } * fault;                      /* [n_faults] */
-    struct apc_sample *fault_row;   /* [n_faults] */
-    bool faults_wait, breaks_plant; /* some do; some are of the plant itself: */
+        int64_t seen;             /* seq of the row that started or stopped it, as far as it is seen */
+        apc_ns at;                /* when it begins by the experiment, which has that again afterwards */
+        bool waits;               /* until its condition is true */
+    } * fault;                    /* [n_faults] */
+    struct apc_sample *fault_row; /* [n_faults] */
+    bool faults_wait;             /* some do */
+    bool link_lost;               /* by a fault */
     struct simulated_plant_fault {
         bool acts, held; /* held: at what the model takes at most */
     } * plant_fault;     /* [e->plant.n_faults] */

@@ -18,9 +18,9 @@ static const struct cli_spec spec = {
         "disturbance or parameter. Kinds and settings are those of the experiment file, with at=SECONDS and "
         "duration=SECONDS. A disturbance has the kind disturbance, a parameter the kind drift, both with "
         "size. "
-        "CONDITION is `y > 21`, or `alarm NAME`. `plant power` is the power of all. Nothing on the page "
-        "tells "
-        "operators of it; the session repeats it at the same tick.",
+        "CONDITION is `y > 21`, or `alarm NAME`. `plant power` is the power of all, `link lost` the plant's "
+        "connection; a controller is `hung`, or `killed` until it is started at the end. Nothing on the page "
+        "tells operators of it; the session repeats it at the same tick.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = 16,
 };

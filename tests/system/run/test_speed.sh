@@ -405,11 +405,13 @@ expect 2 'a session is judged as it was: not with --runs' "$apc" check "$work/ex
 expect 2 'expected the folder of a run of `apc run --speed`' "$apc" check "$work/exam.scenario" --session "$file"
 
 # Promise(run/fault-any): `apc fault` starts and stops faults of every kind of any measurement, output, disturbance or parameter of a
-#   simulated plant, also once a condition holds, and the session repeats them bit for bit; a wrong one is refused with what there is.
+#   simulated plant, of its link and controllers, also once a condition holds, and the session repeats them bit for bit; a wrong one is
+#   refused with what there is.
 file=$APC_SOURCE_DIR/experiments/quadruple-tank.conf begin broken --no-ui
 speed step 20
 for broken in 'y1 bias size=0.5 duration=2' 'y1 noise size=0.2 at=6' 'y2 frozen at=8 duration=3' 'v2 rate size=0.05 when=y1 > 1' \
-  'v1 stiction size=0.5 jump=0.1 when=r1 >= 99' 'd3 disturbance size=1 at=10 duration=3' 'A1 drift size=-0.1 at=12 duration=5'; do
+  'v1 stiction size=0.5 jump=0.1 when=r1 >= 99' 'd3 disturbance size=1 at=10 duration=3' 'A1 drift size=-0.1 at=12 duration=5' \
+  'link lost at=13 duration=1' 'controller hung at=15 duration=2' 'controller killed at=18 duration=2'; do
   # shellcheck disable=SC2086
   expect 0 'starts' fault start $broken
 done
@@ -431,7 +433,7 @@ while read -r -u 3 broken wrong; do
   # shellcheck disable=SC2086
   expect 1 "$wrong" fault start ${broken//_/ }
 done 3<<'END'
-y7_bias_size=1 there is no measurement, output, disturbance or parameter "y7": did you mean y1
+y7_bias_size=1 there is no measurement, output, controller, disturbance or parameter "y7": did you mean y1
 y1_bisa y1 has no fault "bisa": there are stuck, drift, dropout, spike, bias, noise, frozen
 y1_bias a fault of kind "bias" needs size=NUMBER
 y1_bias_size=x expected size=NUMBER
@@ -440,6 +442,8 @@ y1_noise_size=-1 size=-1: must be 0 to
 v1_saturation_low=3_high=1 low=3: must be at most high=1
 v1_saturation_low=-30_high=1 low=-30: must be 0 to 10
 y1_stuck_when=y9_>_3 there is no signal "y9"
+link_hung link has no fault "hung": there are lost
+controller_lost controller has no fault "lost": there are hung, killed
 y1_stuck_when=y1_>_1e308 the number must be below
 y1_stuck_when=y1_!_3 expected SIGNAL < NUMBER
 y1_stuck_when=alarm_none there is no alarm "none"
@@ -461,7 +465,12 @@ again "$work/broken"
 [ "$(digest "$work/fork/samples.csv")" = "$(digest "$work/broken/samples.csv")" ] || fail "the second run is another"
 [ "$(awk -F, '$2 == "sensor" && $3 == 2 && $1 >= 8 && $1 < 11' "$work/broken/samples.csv" | wc -l)" -lt 3 ] || fail "the time of y2 did not stand still"
 grep -q 'measurement 1 is Bad' "$work/broken/events.csv" || fail "nothing was without power"
-for kind in bias noise frozen rate disturbance drift; do
+# ticks FROM TO: of the controller
+ticks() { awk -F, -v from="$1" -v to="$2" '$2 == "actuator" && $3 == 1 && $1 >= from && $1 < to' "$work/broken/samples.csv" | wc -l; }
+grep -q '^13\..*plant lost' "$work/broken/events.csv" || fail "the link was not lost"
+ticked="$(ticks 14 15) $(ticks 15 17) $(ticks 17 18) $(ticks 18 20) $(ticks 20 21)"
+[ "$ticked" = '2 0 2 0 2' ] || fail "the controller neither hung nor died: $ticked ticks"
+for kind in bias noise frozen rate disturbance drift hung killed; do
   ! grep -q "[^a-z]$kind[^a-z]" "$work/broken/events.csv" || fail "an event tells operators of a fault"
 done
 

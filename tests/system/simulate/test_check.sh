@@ -28,6 +28,21 @@ expect 1 'failed  never plant y > 21: plant y = 21\.[0-9]+ at 15[0-9.]+ s' "$apc
 expect 1 'u at fault value by 70 s: cannot be judged: the run ended at [0-9.]+ s: the plant diverged' "$apc" check $lost --set plant.integrator=rk4 --set plant.steps=1 --set plant.parameters.tau=0.01
 expect 1 'in [0-9]+ of 20 runs; seed 1: ' "$apc" check $scenarios/quadruple-tank.scenario --set controller.v1.Kp=0.01
 
+# Promise(simulation/check-broken): A scenario breaks link, controllers, parameters and the power of all, at a time or once a condition
+#   holds; the folder of such a run is the same run, bit for bit.
+cat >$scenarios/broken.scenario <<'END'
+experiment = "../quadruple-tank.conf"; duration = 60.0;
+faults = ( { signal = "A1"; kind = "drift"; at = 2.0; size = 0.5; duration = 8.0; }, { signal = "d3"; kind = "disturbance"; at = 12.0; size = 1.0; },
+  { signal = "link"; kind = "lost"; when = "plant y1 > 6.15"; after = 1.0; duration = 4.0; },
+  { signal = "controller"; kind = "hung"; at = 30.0; duration = 3.0; }, { signal = "plant"; kind = "power"; at = 40.0; duration = 2.0; } );
+expect = ( "never y1 < 6.0", "within 15 s v1 at fault value from 15 s" );
+END
+"$apc" check $scenarios/broken.scenario --report broken >broken.txt && fail "y1 was always known: $(cat broken.txt)"
+grep -q 'held    lost link 1 s after plant y1 > 6.15' broken.txt || fail "$(cat broken.txt)"
+[ "$("$apc" simulate broken/broken-1 | sed -n 's/^sha256: *//p')" = "$(sha256sum <broken/broken-1/samples.csv | cut -d ' ' -f 1)" ] || fail "another run"
+grep -q '^3[01]\..*at its safe value' broken/broken-1/events.csv || fail "nobody hung: $(cat broken/broken-1/events.csv)"
+[ "$(grep -c 'plant lost' broken/broken-1/events.csv)$(grep -c 'measurement 1 is Bad' broken/broken-1/events.csv)" = 12 ] || fail "$(cat broken/broken-1/events.csv)"
+
 # What failed is explained as apc why does, of the run that failed.
 echo 'experiment = "../two-layers.conf"; expect = ( "mode v1 is Cas at 710 s", "never y1 > 0" );' >$scenarios/left.scenario
 "$apc" check $scenarios/left.scenario >why.txt && fail "it held"

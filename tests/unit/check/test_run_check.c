@@ -314,7 +314,7 @@ static void a_mistake_has_the_line_of_the_scenario(void **state)
         {FIRST_ORDER
          "faults = ( { signal = \"y\"; kind = \"stuck\"; at = 1.0; },\n{ signal = \"x\"; kind = \"stuck\"; "
          "at = 1.0; } ); expect = ( \"never y < 1\" );",
-         ":3: there is no measurement or output \"x\""},
+         ":3: there is no measurement, output, controller, disturbance or parameter \"x\""},
         {FIRST_ORDER
          "faults = ( { signal = \"y\"; kind = \"stuck\"; at = 1.0; },\n{ signal = \"y\"; kind = \"stack\"; "
          "at = 2.0; },\n{ signal = \"y\"; kind = \"stuck\"; at = 3.0; } ); expect = ( \"never y < 1\" );",
