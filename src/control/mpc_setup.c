@@ -334,6 +334,13 @@ static int take_mpc_signals(struct apc_law_mpc *p, const struct apc_law_setup *s
                           "setting \"economic\": measurement %zu has no setpoint, which is what a unit of it "
                           "costs: give it one",
                           i + 1);
+        for (size_t j = 0; setup->u && j < p->dim.nu && rc == 0 && economic; j++) {
+            if (!(setup->u[j].high - setup->u[j].low < APC_VALUE_MAX))
+                rc = apc_fail(why, APC_EINVAL,
+                              "setting \"economic\": output %s may be moved without end for a price: give it "
+                              "low and high",
+                              setup->u[j].name);
+        }
     }
     return rc;
 }

@@ -68,6 +68,17 @@ sed -e 's/law = "pid";/law = "nmpc"; operating_point = { u = [350.0, 50.0]; }; s
 expect 0 '^T +all .* 0$' "$apc" simulate "$work/nmpc.conf" --duration 600
 expect 1 'flash has algebraic equations .*"ida"' "$apc" simulate "$work/flash.conf" --set 'plant.integrator="cvode"'
 
+# Promise(laws/nmpc-stage-cost): A stage cost of one's own is an output of the plant with a price: glucose whose cost is higher
+#   below its target stays farther from what is dangerous than with the same cost on both sides.
+sed "s|./pancreas.so|$APC_BUILD_DIR/examples/pancreas.so|" "$APC_SOURCE_DIR/examples/plant/pancreas.conf" >"$work/pancreas.conf"
+least() { # of glucose, in the half day with breakfast
+  "$apc" simulate "$work/pancreas.conf" --duration 43200 --csv "$work/pancreas.csv" --force "$@" >/dev/null &&
+    awk -F, '$2 == "sensor" && $3 == 1 && (!n++ || $5 < least) { least = $5 } END { print least }' "$work/pancreas.csv"
+}
+dear=$(least)
+alike=$(least --set plant.parameters.below=1 --set plant.parameters.unsafe=0)
+awk "BEGIN { exit !($dear > 4.5 && $alike > 3.5 && $dear > $alike + 0.3) }" || fail "glucose falls to $dear, $alike where low is no dearer than high"
+
 # The real plant shows what the file says: a sensor that drops out, another that shows whole steps only.
 cat >"$work/lab.conf" <<EOF
 name = "lab";
