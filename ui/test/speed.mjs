@@ -2,7 +2,7 @@
 // The strip of a simulated plant does what `apc speed` does: the plant's time goes as it says. The plant is paused at first,
 // and ticks each 0.2 s.
 import assert from "node:assert/strict";
-import {readFileSync} from "node:fs";
+import {readFileSync, writeFileSync} from "node:fs";
 import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
 import {launch, open, screens, until} from "./lib.mjs";
@@ -42,6 +42,16 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await strip(page).getByRole("button", {name: "Step", exact: true}).focus();
   await page.keyboard.press("Enter");
   await until("and another one, by a key", async () => Math.abs((await time(page)) - begin - 0.4) < 0.01);
+
+  // Promise(page/what-if): The page gives the command that goes on from the instant shown in virtual time, beside the plant, to be copied.
+  await press(page, "Go on otherwise …");
+  const command = page.getByLabel("Command");
+  assert.equal(await command.inputValue(), `env -u APC_STORE apc run EXPERIMENT.conf --speed 0 --from "$APC_STORE@${new Date(1000 * (T0 + (await time(page)))).toISOString()}"`);
+  await page.context().grantPermissions(["clipboard-read", "clipboard-write"]);
+  await page.getByRole("button", {name: "Copy"}).click();
+  await until("it is copied", async () => (await page.evaluate(() => navigator.clipboard.readText())) === (await command.inputValue()));
+  writeFileSync(process.env.APC_UI_COMMAND, await command.inputValue());
+  await page.keyboard.press("Escape");
 
   // Promise(page/faults): The page gives the instructor of a simulated plant its faults to start and to stop.
   await strip(page).locator("summary").click();

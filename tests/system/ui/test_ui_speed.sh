@@ -14,5 +14,9 @@ until_true 60 grep -q APC_STORE "$work/run.log"
 store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/run.log")
 until_true 60 "$apc" speed --store "$store"
 serve ui --store "$store"
-export APC_UI_URL=$ui_url APC_UI_SIMULATOR=$simulator
+export APC_UI_URL=$ui_url APC_UI_SIMULATOR=$simulator APC_UI_COMMAND=$work/command
 in_browser speed
+# What the page said to type goes on from there.
+cd "$work"
+APC_STORE=$store PATH=$APC_BIN:$PATH bash -c "$(sed 's/EXPERIMENT/first-order/; s/--speed 0/--speed max/' command) --duration 2 --no-ui --out whatif" >whatif.log 2>&1 || fail "$(cat command whatif.log)"
+grep -q '^past = ' whatif/record.conf || fail "it did not go on: $(cat whatif/record.conf)"

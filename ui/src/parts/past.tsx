@@ -19,6 +19,7 @@ import {useCell} from "../usecell";
 import {Nothing} from "./nothing";
 import {PastWord} from "./pastword";
 import {WriteStatus} from "./status";
+import {WhatIf} from "./whatif";
 
 /** To what the keys jump. */
 const sought = new Cell<What>("event");
@@ -107,6 +108,7 @@ export function PastBar(): JSX.Element | null {
         >
           {tr("past.again")}
         </button>
+        <WhatIf at={at} />
         {remarked && <p class="complaint" role="status">{remarked}</p>}
       </section>
       {again && <Again at={at} close={() => setAgain(false)} />}

@@ -9,6 +9,7 @@ import {simulation} from "../core/model";
 import {said as worded, tr} from "../core/texts";
 import type {Fault, Simulation} from "../core/types";
 import {useCell} from "../usecell";
+import {WhatIf} from "./whatif";
 
 const SPEEDS = [1, 10, 100, 1000, null]; // null: as fast as it goes
 const HELD = 0.9; // of what is asked for
@@ -101,6 +102,7 @@ export function SpeedStrip(): JSX.Element | null {
           <span class="segments" role="group" aria-label={tr("speed.speed")}>
             {SPEEDS.map(one => <button type="button" key={one} {...bar} aria-pressed={one === now.asked} onClick={() => ask(one)}>{one == null ? tr("speed.most") : `${one}×`}</button>)}
           </span>
+          <WhatIf at={now.t} />
           <Faults />
         </>
       )}
