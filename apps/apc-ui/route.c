@@ -35,6 +35,8 @@ const struct route routes[] = {
     {"GET", "/api/health", ROLE_OBSERVER, COMPUTED, get_health, "since until", "which loops need somebody"},
     {"GET", "/api/model", ROLE_ENGINEER, COMPUTED, get_model, "inputs outputs since until windows order",
      "step responses of the plant, from its record"},
+    {"GET", "/api/signals", ROLE_OBSERVER, COMPUTED, get_signals, "names since until",
+     "histogram, spectrum, correlation of signals"},
     {"GET", "/api/preview", ROLE_ENGINEER, PAST, get_preview,
      "loop gain zero tau1 tau2 dead_time gain_error zero_error tau1_error tau2_error dead_time_error "
      "integrating "

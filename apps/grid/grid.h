@@ -16,6 +16,7 @@ struct identify_selection {
     double period;                        /* s; 0: that of the first output */
     double from, to;                      /* s, of files; to 0: all */
     apc_ns since, until;                  /* UTC, of stores; 0: all */
+    bool only;                            /* no other inputs than those that are named, which may be none */
     bool exchanged;                       /* inputs as the plant got them, not as they were written */
 };
 
@@ -85,5 +86,16 @@ int grid_read(struct identify_data *data, const struct grid_source *from,
 int grid_join(struct identify_data *to, const struct identify_data *data, size_t n);
 /* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
 int grid_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
+
+/* Histogram, spectrum, correlations and pairs of points of each of its signals, as members of JSON; and in short into
+ * of[inputs and outputs], the outputs first, which may be NULL. Returns 0 or APC_ENOMEM. */
+struct text;
+struct signal_figures {
+    const char *name;
+    size_t n; /* samples that are there */
+    double mean, deviation, low, high;
+    double every; /* s, of the strongest sine in it; NAN: none is told */
+};
+int grid_signals(const struct identify_data *data, struct text *t, struct signal_figures *of);
 
 #endif

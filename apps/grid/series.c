@@ -91,7 +91,7 @@ static int take_all(struct reading *r, bool inputs, const struct known *known, s
 
 int series_choose(struct reading *r, const struct known *known, size_t n, struct series **of)
 {
-    int rc = r->inputs > 0 ? 0 : take_all(r, true, known, n);
+    int rc = r->inputs > 0 || r->selection->only ? 0 : take_all(r, true, known, n);
 
     if (rc == 0 && r->outputs == 0)
         rc = take_all(r, false, known, n);

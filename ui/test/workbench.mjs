@@ -87,6 +87,18 @@ test("from a record to a tuning that is written", {timeout: 300000}, async () =>
   assert.equal(values["tuning.1"][2], wanted);
   await until("it is in force", async () => /in force/.test(await page.locator("#workbench-commission ~ p").textContent()));
 
+  // figures of the signals of a trend
+  await page.evaluate(() => (location.hash = "trend"));
+  const compute = page.getByRole("button", {name: "Compute", exact: true});
+  await compute.focus();
+  await page.keyboard.press("Enter");
+  await page.locator("[data-signal=y]").waitFor();
+  assert.ok((await page.locator(".signals .picture").count()) >= 4, "not one for each figure");
+  assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
+  const looked = await page.evaluate(() => window.axe.run(document.querySelector(".signals"), {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], resultTypes: ["violations"]}));
+  assert.deepEqual(looked.violations.map(({id, nodes}) => `${id}: ${nodes[0].html}`), []);
+  await page.evaluate(() => (location.hash = "workbench"));
+
   await page.locator("header .language select").selectOption("de");
   await until("in German", async () => (await page.locator("h1").textContent()) === "Werkbank");
   await page.evaluate(() => (location.hash = "workbench?at=2000-01-01T00:05:00Z"));

@@ -39,6 +39,9 @@ void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
 void get_why(struct ui *ui, struct request *r, struct apc_store *store);
 void get_health(struct ui *ui, struct request *r, struct apc_store *store);
 void get_model(struct ui *ui, struct request *r, struct apc_store *store);
+void get_signals(struct ui *ui, struct request *r, struct apc_store *store);
+/* "u1,u2" into its parts, 5 at most, cut in place: @p name[@p n] within *@p copy, to be freed. False: the fault is set. */
+bool split_signals(struct request *r, const char *field, char **copy, char *name[], size_t *n);
 void get_preview(struct ui *ui, struct request *r, struct apc_store *store);
 /* The experiment that the store describes, without laws of the user's own. False: the fault is set. */
 bool request_experiment(struct request *r, struct experiment *e, struct apc_store *store);

@@ -32,9 +32,7 @@ struct modelling {
     struct apc_validation *judged;            /* [outputs] */
 };
 
-/* "u1,u2" into its parts, cut in place; false: the fault is set. */
-static bool split_signals(struct request *r, const char *field, char **copy, char *name[IDENTIFY_SIGNALS],
-                          size_t *n)
+bool split_signals(struct request *r, const char *field, char **copy, char *name[], size_t *n)
 {
     const char *text = request_query(r, field);
     char *rest;

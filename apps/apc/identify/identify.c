@@ -86,6 +86,9 @@ static void check_identify_options(void *input, const struct argp_state *state)
     if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
         argp_error(state, "--suggest goes with --model transfer, or without --model");
     const bool plant = own->finds || own->likelihood;
+    if (own->signals &&
+        (plant || own->kind != KINDS || own->suggest || own->output || own->validate || own->figure))
+        argp_error(state, "--signals makes no model: nothing that is of models goes with it");
     if (own->priors && !own->finds)
         argp_error(state, "--prior is of parameters that --find names");
     if (own->profile && !(own->finds && own->likelihood))
@@ -128,6 +131,11 @@ static const struct option_spec own_options[] = {
     {"suggest", 0, "TAU_C",
      "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time",
      OPTION_OWN, .take = take_suggest_option, .optional = true},
+    {"signals", 0, NULL,
+     "No model, but figures of the signals: spread, extremes, the strongest period; with --json also "
+     "histogram, "
+     "spectrum, correlations, and pairs of points",
+     OPTION_FLAG, AT(signals)},
     {"find", 0, "NAMES",
      "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
      OPTION_OWN, .take = take_find_option},
@@ -397,6 +405,10 @@ int command_identify(int argc, char **argv)
     rc = spare_files(z);
     if (rc == EXIT_OK)
         rc = identify_read_all(z);
+    if (rc == EXIT_OK && z->own.signals) {
+        rc = identify_show_signals(z);
+        goto out;
+    }
     if (rc == EXIT_OK && (z->own.finds || z->own.likelihood)) {
         rc = identify_find(z);
         goto out;

@@ -49,7 +49,7 @@ struct identify_options {
     double share; /* of the record that is fitted to */
     int kind;     /* KINDS: all, and the best of them */
     unsigned order;
-    bool force, suggest;
+    bool force, suggest, signals;
     double tau_c; /* s, of what is suggested; 0: the dead time */
 };
 
@@ -83,6 +83,8 @@ void identify_show_samples(const struct identification *z);
 /* What the record does not tell of @p g with the standard errors @p e, into @p text: "", or as "the sign of the
  * gain, tau". True: something. */
 bool identify_untold(const struct apc_transfer *g, const struct apc_transfer *e, char *text, size_t size);
+/* Figures of the signals alone. Returns an exit code, its reason told. */
+int identify_show_signals(const struct identification *z);
 /* The report, as --json and --csv say. */
 void identify_show(const struct identification *z);
 /* The model as a file for a controller. @comment, lines of it. */

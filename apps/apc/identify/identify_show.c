@@ -440,3 +440,39 @@ void identify_show(const struct identification *z)
     else
         show_models_text(z);
 }
+
+int identify_show_signals(const struct identification *z)
+{
+    static const struct print_column columns[] = {{"signal", PRINT_LEFT},      {"samples", PRINT_POINT},
+                                                  {"mean", PRINT_POINT},       {"deviation", PRINT_POINT},
+                                                  {"low", PRINT_POINT},        {"high", PRINT_POINT},
+                                                  {"strongest s", PRINT_POINT}};
+    const struct apc_record *r = &z->data.record;
+    struct signal_figures of[2 * IDENTIFY_SIGNALS];
+    struct text json = {0};
+    struct print_table table;
+    int rc;
+
+    json_add(&json, "{");
+    rc = grid_signals(&z->data, &json, of);
+    json_add(&json, "}");
+    if (rc == 0 && json.failed)
+        rc = APC_ENOMEM;
+    if (rc == 0 && z->cli.format == CLI_JSON)
+        printf("%.*s\n", (int)json.n, json.at);
+    if (rc == 0 && z->cli.format != CLI_JSON) {
+        print_table_open(&table, columns, sizeof columns / sizeof *columns);
+        for (size_t i = 0; i < r->ny + r->nu + r->nd; i++) {
+            print_cell(&table, PRINT_PLAIN, "%s", of[i].name);
+            print_cell(&table, PRINT_PLAIN, "%zu", of[i].n);
+            print_number(&table, 5, of[i].mean);
+            print_number(&table, 4, of[i].deviation);
+            print_number(&table, 5, of[i].low);
+            print_number(&table, 5, of[i].high);
+            print_number(&table, 4, of[i].every);
+        }
+        rc = print_table_end(&table, stdout, cli_colour(), 0);
+    }
+    text_free(&json);
+    return rc < 0 ? cli_error(&z->cli, rc, "out of memory") : EXIT_OK;
+}

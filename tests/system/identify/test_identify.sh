@@ -40,6 +40,15 @@ near "its dead time" "$(number tank.model valve dead_time)" 2 0.15
 near "the gain of the flow" "$(number tank.model flow gain)" 1.5 0.06
 grep -q '</svg>' tank.svg && [ "$(head -c 4 tank.png | tail -c 3)" = PNG ] || fail "there is no figure"
 expect 0 'judged on other.csv, 400 samples' "$apc" identify tank.csv "${known[@]}" --validate other.csv --model transfer
+# Promise(page/signals)
+"$apc" identify tank.csv "${known[@]}" --signals >signals.txt
+grep -Eq '^level +900 ' signals.txt && grep -Eq '^flow +900 .* 3 +5 ' signals.txt || fail "not the figures of the signals: $(cat signals.txt)"
+"$apc" identify tank.csv "${known[@]}" --signals --json | python3 -c '
+import json, sys
+told = json.load(sys.stdin)
+assert [one["name"] for one in told["signals"]] == ["level", "valve", "flow"] and len(told["pairs"]) == 6, told
+assert all(sum(one["bars"]) == 900 for one in told["signals"])' || fail "not the same in JSON"
+expect 2 'makes no model' "$apc" identify tank.csv "${known[@]}" --signals --model arx
 for kind in transfer arx subspace fir; do
   fit=$("$apc" identify tank.csv "${known[@]}" --model $kind --csv | sed -n "s/^$kind,level,\([^,]*\),.*/\1/p")
   near "the fit of $kind" "$fit" 90 8

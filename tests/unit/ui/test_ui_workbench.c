@@ -183,6 +183,41 @@ static void a_record_that_cannot_tell_is_refused_with_the_reason(void **state)
     }
 }
 
+/* Promise(page/signals) */
+static void figures_of_signals_are_of_the_window(void **state)
+{
+    static const struct {
+        const char *names, *words;
+        double until;
+    } refused[] = {{"u", "must be a measurement", 600},
+                   {"y,u,r,y,u", "at most 4 signals", 600},
+                   {"", "\"names\" is needed", 600},
+                   {"y,nobody", "there is no output, setpoint or measurement \"nobody\"", 600},
+                   {"y,u,u", "is named twice", 600},
+                   {"y", "ask for less time at once", 9e6}};
+    (void)state;
+    simulate_paper("title", "title");
+    ask_query((const char *[]){"names", "r,u,y", "since", since_begin(10), "until", since_begin(RUN), NULL});
+    json_t *json = answered(get_signals);
+    assert_int_equal(json_array_size(json_object_get(json, "signals")), 3);
+    assert_int_equal(json_array_size(json_object_get(json, "pairs")), 6);
+    const json_t *y = json_array_get(json_object_get(json, "signals"), 0);
+    assert_string_equal(json_string_value(json_object_get(y, "name")), "y");
+    assert_true(number_in(y, "low") < 6.0 && number_in(y, "high") > 19.0);
+    json_decref(json);
+    ask_query((const char *[]){"names", "y", "since", since_begin(10), "until", since_begin(RUN), NULL});
+    json = answered(get_signals);
+    assert_int_equal(json_array_size(json_object_get(json, "pairs")), 1);
+    json_decref(json);
+    for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
+        ask_query((const char *[]){"names", refused[i].names, "since", since_begin(10), "until",
+                                   since_begin(refused[i].until), NULL});
+        json_decref(ask(get_signals));
+        if (request.fault.http != 422 || !strstr(request.fault.message, refused[i].words))
+            fail_msg("case %zu: %d %s", i, request.fault.http, request.fault.message);
+    }
+}
+
 static double last_of(const json_t *curve)
 {
     const json_t *v = json_object_get(curve, "v");
@@ -295,6 +330,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(the_model_of_the_paper_is_found_in_its_record),
         TEST(several_windows_are_fitted_together),
+        TEST(figures_of_signals_are_of_the_window),
         TEST(a_record_that_cannot_tell_is_refused_with_the_reason),
         TEST(a_preview_is_what_the_loop_would_do),
         TEST(the_worst_of_the_models_is_shown),

@@ -474,6 +474,18 @@ export interface PlantModel {
   cells: (Transfer & {input: string; output: string; integrating: boolean; error: {[name in keyof Transfer]: number | null}; step: number; response: number[]; half: number[]})[];
 }
 
+export interface SignalFigures {
+  t: number;
+  since: number;
+  until: number;
+  period: number;
+  samples: number;
+  frequency: number; // Hz, of a line of a spectrum
+  lag: number; // s
+  signals: {name: string; missing: number; mean: number | null; deviation: number; low: number | null; high: number | null; bars: number[]; spectrum: number[]}[];
+  pairs: {from: string; to: string; correlation: (number | null)[]; x: number[]; y: number[]}[];
+}
+
 export interface PidTuning {
   Kp: number;
   tau_i: number;

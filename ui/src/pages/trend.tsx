@@ -34,6 +34,7 @@ import {useAnswer} from "../useanswer";
 import {isNarrow, useWidth} from "../usewidth";
 import {inEnglish, tr} from "../core/texts";
 import {rich} from "../rich";
+import {SignalsOf} from "./signals";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
@@ -429,6 +430,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       )}
       {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => told(row.ref, value))])} />}
       {table && shownMarks.length > 0 && <Table caption={tr("trend.eventsCaption", {zone})} head={[tr("trend.time"), tr("trend.event")]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
+      <SignalsOf names={[...new Set(refsIn(subject).flatMap(ref => variable(ref)?.name ?? []))]} bounds={() => bounds(win, shownNow())} />
       {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );

@@ -69,9 +69,7 @@ export function WorkbenchPage({about}: {about: string | null}): JSX.Element {
 /** The model that somebody has locked for the loop, in this browser. */
 function keptModel(name: string): Tuned | null {
   try {
-    const of = JSON.parse(env.recall(name) ?? "null") as Tuned | null;
-    const {gain, zero, tau1, tau2, dead_time} = of ?? {};
-    return of && [gain, zero, tau1, tau2, dead_time].every(Number.isFinite) && typeof of.integrating === "boolean" ? of : null;
+    return JSON.parse(env.recall(name) ?? "null") as Tuned | null;
   } catch {
     return null;
   }
@@ -94,7 +92,7 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const wanted = useRef(0);
   const lock = (to: boolean): void => {
     setLocked(to);
-    env.keep(kept, to && chosen ? JSON.stringify({gain: chosen.gain, zero: chosen.zero, tau1: chosen.tau1, tau2: chosen.tau2, dead_time: chosen.dead_time, integrating: chosen.integrating, error: chosen.error}) : "");
+    env.keep(kept, JSON.stringify(to ? chosen : null));
   };
 
   const identify = (): void => {
@@ -108,7 +106,7 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         setModel(answer);
         const cell = answer.cells.find(one => one.input === output && one.output === measurement);
         if (cell && cell.gain !== 0) {
-          const one = {of: cell, fit: answer.outputs[0]?.fit ?? null, order: tr(`workbench.order${order}`), time: fromUntil(answer.since, answer.until)};
+          const one = {of: cell, fit: answer.outputs[0]?.fit ?? null, order: order === "0" ? missing : order, time: fromUntil(answer.since, answer.until)};
           setFound(all => [...all, one].slice(-CANDIDATES));
         }
         if (!locked) choose(cell && cell.gain !== 0 ? cell : null);
@@ -150,7 +148,7 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           <label>
             {tr("workbench.order")}{" "}
             <select name="order" value={order} onChange={event => setOrder(event.currentTarget.value as typeof order)}>
-              {(["0", "1", "2"] as const).map(one => <option key={one} value={one}>{tr(`workbench.order${one}`)}</option>)}
+              {(["0", "1", "2"] as const).map(one => <option key={one} value={one}>{one === "0" ? missing : one}</option>)}
             </select>
           </label>
           <button type="button" class="primary" disabled={asked} onClick={identify}>{tr("workbench.identify")}</button>
@@ -286,7 +284,7 @@ function Margins({of: {present, proposed, worst, models, unstable}}: {of: Previe
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={tr("workbench.margins")}>
       {!proposed.stable && <p class="complaint" role="alert"><Note grave label={tr("workbench.unstable")} /> {tr("workbench.unstable")}</p>}
-      {proposed.stable && unstable > 0 && <p class="complaint" role="alert"><Note grave label={tr("workbench.fragile", {n: models, unstable})} /> {tr("workbench.fragile", {n: models, unstable})}</p>}
+      {proposed.stable && unstable > 0 && <p class="complaint" role="alert">{tr("workbench.fragile", {n: models, unstable})}</p>}
       <table class="data">
         <caption>{tr("workbench.margins")}</caption>
         <thead><tr><th scope="col"><span class="hidden">{tr("workbench.margins")}</span></th><th scope="col" class="number">{tr("workbench.present")}</th><th scope="col" class="number">{tr("workbench.proposed")}</th>{worst && <th scope="col" class="number">{tr("workbench.worst", {n: models})}</th>}</tr></thead>

@@ -89,8 +89,7 @@ export function Parts({loop, choice, choose}: {loop: Loop; choice: Choice; choos
   const {since, until} = part ?? within;
   const end = (which: "since" | "until", value: number): void => {
     const at = within.since + (span * value) / PARTS;
-    const to = which === "since" ? {since: Math.min(at, until - span / PARTS), until} : {since, until: Math.max(at, since + span / PARTS)};
-    setPart(to);
+    setPart(which === "since" ? {since: Math.min(at, until - span / PARTS), until} : {since, until: Math.max(at, since + span / PARTS)});
   };
   const taken = (add: Partial<Choice>): void => { choose({...choice, ...add}); setPart(null); };
   const all = [...(part ? [{...part, colour: "--focus"}] : []), ...parts.map(one => ({...one, colour: "--pen-3"})), ...bad.map(one => ({...one, colour: "--p1"}))];
@@ -107,7 +106,7 @@ export function Parts({loop, choice, choose}: {loop: Loop; choice: Choice; choos
         ))}
       </div>
       <div class="entry-line">
-        <button type="button" disabled={!part} onClick={() => part && taken({within: part})}>{tr("workbench.part.see")}</button>
+        <button type="button" disabled={!part} onClick={() => part && taken({within: part})}>{tr("trend.zoomIn")}</button>
         <button type="button" disabled={!part || bad.length >= MOST} onClick={() => part && taken({bad: [...bad, part]})}>{tr("workbench.part.bad")}</button>
         <button type="button" disabled={parts.length >= MOST} onClick={() => taken({parts: [...parts, part ?? within]})}>{tr("workbench.part.add")}</button>
       </div>
@@ -115,7 +114,7 @@ export function Parts({loop, choice, choose}: {loop: Loop; choice: Choice; choos
         <ul class="checks" key={which} aria-label={tr(`workbench.part.${which}`)}>
           {choice[which].map((one, i) => (
             <li key={`${one.since} ${one.until}`}>
-              <Stroke pen={{colour: which === "bad" ? "--p1" : "--pen-3", dash: []}} /> {tr(`workbench.part.${which}`)}: {fromUntil(one.since, one.until)}{" "}
+              {tr(`workbench.part.${which}`)}: {fromUntil(one.since, one.until)}{" "}
               <button type="button" onClick={() => taken({[which]: choice[which].filter((_, other) => other !== i)})}>{tr("workbench.part.drop")}</button>
             </li>
           ))}
@@ -191,12 +190,11 @@ export function Candidates({all, chosen, locked, choose}: {all: Found[]; chosen:
       />
       <div class="scroll" tabIndex={0} role="region" aria-label={title}>
         <table class="data">
-          <caption>{title}</caption>
-          <thead><tr><th scope="col">{tr("workbench.take")}</th><th scope="col" class="number">{tr("workbench.fitShort")}</th>{NUMBERS.map(name => <th key={name} scope="col" class="number">{tr(`workbench.${name}`)}</th>)}</tr></thead>
+          <thead><tr><th scope="col">{title}</th><th scope="col" class="number">{tr("workbench.fitShort")}</th>{NUMBERS.map(name => <th key={name} scope="col" class="number">{tr(`workbench.${name}`)}</th>)}</tr></thead>
           <tbody>
             {all.map(({of, fit, order, time}, i) => (
               <tr key={i}>
-                <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> <Stroke pen={pen(i)} /> {order}, {time}</label></th>
+                <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> <Stroke pen={pen(i)} /> {tr("workbench.order")} {order}, {time}</label></th>
                 <td class="number">{fit == null ? missing : `${exact(Number(fit.toPrecision(3)))} %`}</td>
                 {NUMBERS.map(name => <td key={name} class="number">{of[name] === 0 ? missing : plusMinus(of[name], of.error[name], "")}</td>)}
               </tr>
