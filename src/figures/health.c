@@ -18,6 +18,7 @@ enum { ORDER = 30, LAGS = 1500, CROSSINGS = 11, COARSE = 8, FAR = 15 };
 static const double strong = 0.1;    /* correlation a swing later, of an oscillation that counts */
 static const double undamped = 0.55; /* of it is left FAR swings later, where nothing damps it */
 static const double often_limited = 0.2, poor = 0.2, quantized = 0.25, jump_share = 5e-4;
+static const size_t friction_ticks = 10000; /* of each half that are looked at */
 static const double each_half = 6, both_halves = 20, least_share = 0.005; /* evidence of friction */
 
 /* ---- Sensor ------------------------------------------------------------------------------- */
@@ -104,11 +105,11 @@ static void judge_output(struct health *h, const struct health_series *s)
 /* In each half of the record, and of about one size: what was there by chance is in one. */
 static int blames_valve(struct health *h, const struct health_series *s, bool *blamed)
 {
-    const size_t half = s->n / 2;
+    const size_t half = s->n / 2, looked = half < friction_ticks ? half : friction_ticks;
     struct friction a, b = {0};
-    int rc = friction_find(&a, s->u, s->y, half);
+    int rc = friction_find(&a, s->u, s->y, looked);
     if (rc == 0)
-        rc = friction_find(&b, s->u + half, s->y + half, s->n - half);
+        rc = friction_find(&b, s->u + s->n - looked, s->y + s->n - looked, looked);
     *blamed = fmin(a.evidence, b.evidence) > each_half && a.evidence + b.evidence > both_halves &&
               fmin(a.share, b.share) > least_share && a.size < 2 * b.size && b.size < 2 * a.size;
     if (*blamed) {
