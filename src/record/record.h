@@ -81,6 +81,8 @@ struct ticks {
     } * at;
     double *value;
     size_t n, room, n_values, values_room;
+    int64_t end; /* the last seq that is taken; 0: there is no such */
+    bool full;   /* no memory for more */
 };
 
 /* Those that a store has of number @p id of @p table, from @p since on. Returns 0, APC_ENOMEM or the store's
@@ -89,6 +91,10 @@ int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table tabl
 /* Behind those that are there, which are older: of a range. The same. */
 int ticks_add(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id,
               const struct apc_range *range);
+/* Where seqs lack, as a range of time leaves out what a clock that was set back has overtaken: up to @p most before each
+ * that follows, and before the first of all if @p first, as far as the store has them. Returns as ticks_add(). */
+int ticks_fill(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, size_t most,
+               bool first);
 /* Does a tick row name samples of it by their seq? */
 bool ticks_name(enum apc_table table);
 void ticks_free(struct ticks *ticks);

@@ -168,26 +168,51 @@ static void *grow_room(void *at, size_t needed, size_t *room, size_t size)
 static int take_tick_row(void *ctx, const struct apc_vector *row)
 {
     struct ticks *t = ctx;
+    if (t->end > 0 && row->seq > t->end)
+        return 1;
     struct tick_row *at = grow_room(t->at, t->n + 1, &t->room, sizeof *at);
-    if (!at)
-        return APC_ENOMEM;
-    t->at = at;
+    t->at = at ? at : t->at;
     double *value = grow_room(t->value, t->n_values + row->n, &t->values_room, sizeof *value);
-    if (!value)
-        return APC_ENOMEM;
-    t->value = value;
+    t->value = value ? value : t->value;
+    t->full = !at || !value;
+    if (t->full)
+        return 1;
     t->at[t->n++] = (struct tick_row){row->seq, row->time, row->n, t->n_values};
     memcpy(value + t->n_values, row->value, row->n * sizeof *value);
     t->n_values += row->n;
-    return 0;
+    return row->seq == t->end;
 }
 
 int ticks_add(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id,
               const struct apc_range *range)
 {
-    const size_t before = ticks->n;
     const int rc = apc_store_vectors(store, table, id, range, take_tick_row, ticks);
-    return rc < 0 ? rc : (size_t)rc > ticks->n - before ? APC_ENOMEM : 0;
+    return rc < 0 ? rc : ticks->full ? APC_ENOMEM : 0;
+}
+
+static int order_ticks(const void *left, const void *right)
+{
+    const struct tick_row *a = left, *b = right;
+    return a->seq < b->seq ? -1 : a->seq > b->seq;
+}
+
+int ticks_fill(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, size_t most,
+               bool first)
+{
+    const size_t n = ticks->n;
+    int rc = 0;
+    for (size_t k = first ? 0 : 1; k < n && rc == 0; k++) {
+        const int64_t before = k > 0 ? ticks->at[k - 1].seq : 0,
+                      nearest = ticks->at[k].seq - 1 - (int64_t)most;
+        const struct apc_range hole = {.after = before > nearest ? before : nearest};
+        ticks->end = ticks->at[k].seq - 1;
+        if (before < ticks->end)
+            rc = ticks_add(ticks, store, table, id, &hole);
+    }
+    ticks->end = 0;
+    if (ticks->n > n)
+        qsort(ticks->at, ticks->n, sizeof *ticks->at, order_ticks);
+    return rc;
 }
 
 int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, apc_ns since)

@@ -33,29 +33,33 @@ int replay_order_samples(const void *left, const void *right)
 /* Of a variable, the first from that number on. */
 static int take_wanted_row(void *ctx, const struct apc_sample *row)
 {
-    struct apc_sample *wanted = ctx;
-    if (row->seq == wanted->seq)
-        *wanted = *row;
-    else
-        wanted->seq = 0;
+    *(struct apc_sample *)ctx = *row;
     return 1;
+}
+
+static bool is_known_to_lack(const struct replay *r, const struct apc_sample *wanted)
+{
+    const struct replay_stray *stray = r->stray;
+    while (stray && (stray->sample.table != wanted->table || stray->sample.id != wanted->id ||
+                     stray->sample.seq > wanted->seq || stray->lacks_until <= wanted->seq))
+        stray = stray->next;
+    return stray != NULL;
 }
 
 /* It bears a time far from that of its tick: of another machine, or from before a clock was set. */
 static void look_for_sample(struct replay *r, const struct apc_sample *wanted)
 {
     const struct apc_range range = {.after = wanted->seq - 1};
-    struct replay_stray *stray = r->store ? calloc(1, sizeof *stray) : NULL;
+    struct apc_sample next = {.seq = INT64_MAX};
+    if (!r->store || is_known_to_lack(r, wanted) ||
+        apc_store_history(r->store, wanted->table, wanted->id, &range, take_wanted_row, &next) < 0)
+        return;
+    struct replay_stray *stray = calloc(1, sizeof *stray);
     if (!stray)
         return;
-    stray->sample = *wanted;
-    if (apc_store_history(r->store, wanted->table, wanted->id, &range, take_wanted_row, &stray->sample) > 0 &&
-        stray->sample.seq > 0) {
-        stray->next = r->stray;
-        r->stray = stray;
-    } else {
-        free(stray);
-    }
+    const bool there = next.seq == wanted->seq;
+    *stray = (struct replay_stray){there ? next : *wanted, there ? 0 : next.seq, r->stray};
+    r->stray = stray;
 }
 
 /* How many samples come before @p wanted. */
@@ -79,7 +83,7 @@ const struct apc_sample *replay_sample(const struct replay *r, enum apc_table ta
     if (at < r->samples.n && replay_order_samples(&r->samples.at[at], &wanted) == 0)
         return &r->samples.at[at];
     const struct replay_stray *stray = r->stray;
-    while (stray && replay_order_samples(&stray->sample, &wanted) != 0)
+    while (stray && (stray->lacks_until > 0 || replay_order_samples(&stray->sample, &wanted) != 0))
         stray = stray->next;
     return stray ? &stray->sample : NULL;
 }
@@ -527,11 +531,16 @@ static void count_tick(const struct replay *r, struct replay_controller *rc, con
     f->same += same;
 }
 
+bool replay_judges(const struct replay *r, apc_ns time)
+{
+    return time >= r->since && (r->until == 0 || time < r->until);
+}
+
 int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
 {
     const struct tick_row *at = &rc->ticks.at[k], *former = k > 0 ? at - 1 : NULL;
     const double *row = rc->ticks.value + at->first;
-    const bool judged = at->time >= r->since;
+    const bool judged = replay_judges(r, at->time);
     char text[REPLAY_TEXT] = "";
     struct apc_notice notice;
     const struct apc_sample *missing = replay_give_tick(r, rc, at, row);

@@ -24,6 +24,10 @@ int replay_load_vectors(struct ticks *to, struct apc_store *store, enum apc_tabl
 int replay_look_at_ticks(struct apc_store *store, int number, apc_ns *first, apc_ns *last);
 /* t = 0 of these ticks, as near as the least late of them says. */
 apc_ns replay_part_start(const struct controller *of, const struct ticks *ticks);
+/* From the tick before to tick @p k; by their grid where the clock was set between them. */
+apc_ns replay_time_between(const struct replay_controller *rc, size_t k);
+/* Is a tick of then one of those that are asked for? Others lead to them. */
+bool replay_judges(const struct replay *r, apc_ns time);
 /* Tick @k of the record, of a controller that lived on or, where that gives another row, was started anew. Returns 0
  * or an error with a text in r->why. */
 int replay_tick(struct replay *r, struct replay_controller *rc, size_t k);

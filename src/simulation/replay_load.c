@@ -8,8 +8,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#define PART_INDEX 2 /* of a tick row, behind its mark: number of the tick on its controller's grid */
-
 int replay_load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range)
 {
     const struct apc_range before = {.until = range->since, .last = 1};
@@ -139,7 +137,7 @@ int replay_catalogue(struct apc_store *store, apc_ns then, char **text, struct a
     int64_t revision = 0;
     int rc = 0;
     *text = NULL;
-    if (then <= apc_clock_utc(NULL)) {
+    if (then < INT64_MAX) {
         rc = apc_store_past(&past, store, then, why);
         rc = rc < 0 ? rc : experiment_text(past, text, &revision, why);
         apc_store_close(past);
@@ -173,21 +171,37 @@ static int load_catalogue(struct replay *r, const struct replay_part *part, stru
     return rc;
 }
 
+struct tick_times {
+    apc_ns first, last;
+    bool one; /* is enough */
+};
+
 static int take_tick_time(void *ctx, const struct apc_vector *tick)
 {
-    *(apc_ns *)ctx = tick->time;
-    return 1;
+    struct tick_times *of = ctx;
+    of->first = tick->time < of->first ? tick->time : of->first;
+    of->last = tick->time > of->last ? tick->time : of->last;
+    return of->one;
 }
 
+/* Where the clock was set back, ticks are older than the first by seq, or younger than the last. */
 int replay_look_at_ticks(struct apc_store *store, int number, apc_ns *first, apc_ns *last)
 {
-    apc_ns begins = INT64_MAX, ends = INT64_MIN;
-    int rc = apc_store_vectors(store, APC_TICK, number, &(struct apc_range){0}, take_tick_time, &begins);
-    if (rc >= 0)
-        rc =
-            apc_store_vectors(store, APC_TICK, number, &(struct apc_range){.last = 1}, take_tick_time, &ends);
-    *first = begins < *first ? begins : *first;
-    *last = ends > *last ? ends : *last;
+    struct tick_times of = {INT64_MAX, INT64_MIN, true};
+    struct apc_range range = {0};
+    int rc = apc_store_vectors(store, APC_TICK, number, &range, take_tick_time, &of);
+    range.last = 1;
+    if (rc > 0)
+        rc = apc_store_vectors(store, APC_TICK, number, &range, take_tick_time, &of);
+    of.one = false;
+    range = (struct apc_range){.until = of.first};
+    if (rc > 0)
+        rc = apc_store_vectors(store, APC_TICK, number, &range, take_tick_time, &of);
+    range = (struct apc_range){.since = of.last + 1};
+    if (rc >= 0 && of.first <= of.last)
+        rc = apc_store_vectors(store, APC_TICK, number, &range, take_tick_time, &of);
+    *first = of.first < *first ? of.first : *first;
+    *last = of.last > *last ? of.last : *last;
     return rc < 0 ? rc : 0;
 }
 
@@ -196,8 +210,11 @@ static int load_moved_ticks(struct replay *r, const struct replay_part *part, st
 {
     const struct apc_range range = {.until = part->until < INT64_MAX ? part->until + 1 : 0,
                                     .last = (size_t)(part->over / moved->of->rhythm.period) + 2 + part->lead};
-    const int rc = ticks_add(&moved->ticks, part->store, APC_TICK, moved->of->number, &range);
-    r->more = moved->ticks.n >= range.last;
+    struct ticks *ticks = &moved->ticks;
+    int rc = ticks_add(ticks, part->store, APC_TICK, moved->of->number, &range);
+    if (rc == 0)
+        rc = ticks_fill(ticks, part->store, APC_TICK, moved->of->number, range.last, ticks->n < range.last);
+    r->more = ticks->n >= range.last;
     return rc;
 }
 
@@ -231,7 +248,7 @@ apc_ns replay_part_start(const struct controller *of, const struct ticks *ticks)
     apc_ns start = INT64_MAX;
     for (size_t k = 0; k < ticks->n; k++) {
         const double *row = ticks->value + ticks->at[k].first;
-        const double index = ticks->at[k].n > PART_INDEX ? row[PART_INDEX] : 0;
+        const double index = ticks->at[k].n > APC_TICK_INDEX_AT ? row[APC_TICK_INDEX_AT] : 0;
         const apc_ns zero = ticks->at[k].time - of->rhythm.phase - (apc_ns)index * of->rhythm.period;
         start = zero < start ? zero : start;
     }
@@ -262,6 +279,19 @@ int replay_load_part(struct replay *r, const struct replay_part *part, struct ap
     }
     return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(part->store))
                   : 0;
+}
+
+apc_ns replay_time_between(const struct replay_controller *rc, size_t k)
+{
+    const struct tick_row *at = &rc->ticks.at[k];
+    const double *value = rc->ticks.value;
+    const apc_ns wall = at->time - at[-1].time, period = rc->of->rhythm.period;
+    if (at->n <= APC_TICK_INDEX_AT || at[-1].n <= APC_TICK_INDEX_AT)
+        return wall;
+    const apc_ns grid =
+        (apc_ns)((value[at->first + APC_TICK_INDEX_AT] - value[at[-1].first + APC_TICK_INDEX_AT]) *
+                 (double)period);
+    return grid <= 0 || llabs(wall - grid) < period ? wall : grid;
 }
 
 void replay_free(struct replay *r)

@@ -226,19 +226,29 @@ apc_ns season_window(const struct season *s, apc_ns since)
 
 /* ---- Its ticks ------------------------------------------------------------------------------ */
 
+/* Of one controller, with those that lead to the window: as many as are needed, however long before it they were. */
+static int load_ticks(struct replay *r, struct replay_controller *rc, struct apc_store *store,
+                      const struct apc_range *range)
+{
+    struct ticks *ticks = &rc->ticks;
+    ticks_free(ticks);
+    const int err = replay_load_vectors(ticks, store, APC_TICK, rc->of->number, range);
+    const bool led = ticks->n > LEAD && ticks->at[LEAD].time < r->since;
+    return err < 0 ? err : ticks_fill(ticks, store, APC_TICK, rc->of->number, LEAD, !led);
+}
+
 /* What the ticks of all controllers name, since one names another's. */
-static int load_window(struct replay *r, struct apc_store *store, apc_ns until)
+static int load_window(struct replay *r, struct apc_store *store)
 {
     apc_ns slowest = 0, first = INT64_MAX;
     int rc = 0;
+    r->store = store; /* of this process */
     for (size_t i = 0; i < r->e.n_controllers; i++)
         slowest = r->e.controllers[i].rhythm.period > slowest ? r->e.controllers[i].rhythm.period : slowest;
-    const struct apc_range range = {.since = r->since - LEAD * slowest, .until = until};
+    const struct apc_range range = {.since = r->since - LEAD * slowest, .until = r->until};
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++) {
-        struct ticks *ticks = &r->controller[i].ticks;
-        ticks_free(ticks);
-        *ticks = (struct ticks){.n = 0};
-        rc = replay_load_vectors(ticks, store, APC_TICK, r->e.controllers[i].number, &range);
+        const struct ticks *ticks = &r->controller[i].ticks;
+        rc = load_ticks(r, &r->controller[i], store, &range);
         if (rc == 0 && ticks->n > 0) {
             const apc_ns zero = replay_part_start(r->controller[i].of, ticks);
             first = zero < first ? zero : first;
@@ -247,12 +257,11 @@ static int load_window(struct replay *r, struct apc_store *store, apc_ns until)
     r->start = first < INT64_MAX ? first : range.since;
     for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++) {
         ticks_free(&r->plan[k]);
-        r->plan[k] = (struct ticks){.n = 0};
         rc = replay_load_vectors(&r->plan[k], store, APC_PLAN, (int)k + 1, &range);
     }
     samples_free(&r->samples);
     r->samples = (struct samples){.n = 0};
-    const struct apc_range named = {.since = range.since - OFF, .until = until + OFF};
+    const struct apc_range named = {.since = range.since - OFF, .until = r->until + OFF};
     return rc < 0 ? rc : replay_load_samples(r, store, &named);
 }
 
@@ -333,7 +342,7 @@ static int replay_window(struct season *s, size_t v, size_t newest, struct repla
     bool follows = false;
     int err = 0;
     for (size_t k = 0; k < ticks->n && err == 0; k++) {
-        const bool judged = ticks->at[k].time >= r->since;
+        const bool judged = replay_judges(r, ticks->at[k].time);
         const size_t maker = r->other_law ? v : find_maker(s, newest, rc->of->number, ticks, k);
         if (judged && maker == NOBODY && !s->former) {
             rc->figures.others++;
@@ -357,7 +366,8 @@ static int replay_revision(struct season *s, size_t v, size_t newest, apc_ns sin
 {
     struct replay *r = &s->revision[v].replay;
     r->since = since;
-    int rc = load_window(r, s->of.store, until);
+    r->until = until;
+    int rc = load_window(r, s->of.store);
     if (rc < 0)
         return apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(s->of.store));
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
@@ -385,8 +395,8 @@ static int load_tick_of(struct season *s, size_t v, const char *name, apc_ns tim
 {
     struct replay *r = &s->revision[v].replay;
     r->since = time;
-    r->store = s->of.store;
-    const int err = s->revision[v].usable ? load_window(r, s->of.store, time + 1) : 0;
+    r->until = time + 1;
+    const int err = s->revision[v].usable ? load_window(r, s->of.store) : 0;
     *rc = NULL;
     for (size_t i = 0; i < r->e.n_controllers && s->revision[v].usable && err == 0; i++) {
         const struct ticks *ticks = &r->controller[i].ticks;

@@ -284,6 +284,7 @@ struct replay {
     struct samples samples; /* what the tick rows name, by table, id, seq */
     struct replay_stray {   /* and what of it had to be looked for */
         struct apc_sample sample;
+        int64_t lacks_until; /* seq; 0: it is there; else from its own on the record has none below this */
         struct replay_stray *next;
     } * stray;
     struct apc_store *store; /* where; NULL: nowhere */
@@ -291,8 +292,10 @@ struct replay {
     struct apc_sample lost;  /* the last plan that is not on record */
     apc_ns start;            /* t = 0 in the record */
     bool other_law;
-    apc_ns since, began; /* ticks before it are computed and not judged; of a store: t = 0 of what is told */
-    bool of_store;       /* a part of its record, in real time, for why_find(): its texts say UTC */
+    apc_ns since,
+        until;      /* ticks before it, and from then on, are computed and not judged; until = 0: no end */
+    apc_ns began;   /* of a store: t = 0 of what is told */
+    bool of_store;  /* a part of its record, in real time, for why_find(): its texts say UTC */
     apc_ns give_up; /* why_find() has no answer when the monotonic clock is past it; 0: it takes its time */
     bool more;      /* and there may be older ticks than those that were taken */
     char other_build[150]; /* what made the run, where it was not this one; "": it was, or nobody knows */

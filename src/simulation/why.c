@@ -697,12 +697,14 @@ static int find_ticks(struct move *m, struct why *w, apc_ns from, apc_ns until, 
     if (m->until == 0)
         return apc_fail(why, APC_ENOTFOUND,
                         "%s: no tick before it is on record: there is nothing to compare with", w->loop);
-    if (until > m->rc->last) /* a time behind the record is its end */
-        from -= until - m->rc->last;
-    m->from = last_tick(ticks, from);
-    w->cut = m->from == ticks->n;
-    m->from = m->from < m->until ? m->from : from < ticks->at[0].time ? 0 : m->until - 1;
     w->tick = &ticks->at[m->until];
+    if (until > m->rc->last) /* a time behind the record is its end */
+        from -= until - w->tick->time;
+    apc_ns left = w->tick->time - from;
+    m->from = m->until;
+    while (m->from > 0 && (left > 0 || m->from == m->until))
+        left -= replay_time_between(m->rc, m->from--);
+    w->cut = left > 0;
     return 0;
 }
 

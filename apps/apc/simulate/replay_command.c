@@ -673,7 +673,9 @@ static int plan_season(struct season_work *w, const struct replay_range *range, 
 static void read_replay_range(const struct replay_command *c, struct replay_range *range)
 {
     if (cli_time(&c->cli, "since", c->options.since, &range->since) != EXIT_OK ||
-        cli_time(&c->cli, "until", c->options.until, &range->until) != EXIT_OK)
+        cli_time(&c->cli, "until", c->options.until, &range->until) != EXIT_OK ||
+        (c->options.since && range->since >= range->until &&
+         cli_usage(&c->cli, "--since must be before --until") != EXIT_OK))
         exit(EXIT_USAGE);
 }
 

@@ -34,7 +34,10 @@ static struct past *past_of(struct apc_store *store)
 static int answered(struct past *s, int rc)
 {
     s->base.why = rc < 0 || s->of->why.text[0] ? s->of->why : s->note;
-    return rc;
+    return rc != APC_EPERM
+               ? rc
+               : apc_fail(&s->base.why, rc, "what was then is history, which this role may not read: %s",
+                          s->of->why.text);
 }
 
 /* The first of its kind is said. */

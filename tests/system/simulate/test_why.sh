@@ -195,6 +195,8 @@ ticks = [int(re.search(r"(\d+) of \1 ticks", open(file).read())[1]) for file in 
 assert ticks[0] + 10 < ticks[1] < ticks[0] + 20, ticks
 END
 refused 1 'there is no loop "v"' "v@$utc" --store "sqlite:$work/history.db"
+refused 1 '2100-01-01T00:00:00.000000Z is in the future' u@2100-01-01 --store "sqlite:$work/history.db"
+expect 2 'since must be before --until' "$apc" replay --store "sqlite:$work/history.db" --since 2026-01-02 --until 2026-01-02
 refused 1 'no tick until then' u@2000-01-01 --store "sqlite:$work/history.db"
 refused 2 'must be a time, as 2026-01-31T12:00:00Z' u@noon --store "sqlite:$work/history.db"
 refused 3 'none.db' u --store "sqlite:$work/none.db"
@@ -301,6 +303,30 @@ sqlite3 stepped.db "UPDATE sample SET time = time + 3600000000 WHERE variable & 
   fail "a row that bears another time is not found"
 "$apc" maintain --keep 1s --keep-ticks 10000d --store "sqlite:$work/stepped.db" >/dev/null
 refused 1 'is not on record' v1@2000-01-01T00:03:32Z --store "sqlite:$work/stepped.db"
+# A clock that is set back, also over the beginning, or on by more than is read at once: no tick is lost by that, and a move
+# over it is that of the run.
+"$apc" simulate "$experiments/first-order.conf" --set duration=7400.0 --set measurements.y.noise=0.4 --report clock >/dev/null 2>&1
+"$apc" why clock u@3616 --over 40 --json >whole.json
+for step in -20 -3700 5000; do
+  rm -f clock.db
+  cp clock/ticks.db was.db
+  sqlite3 was.db "UPDATE sample SET time = time + $step * 1000000 WHERE time > 1000000 * (946684800 + 3605)"
+  "$apc" init clock/run.conf --store "sqlite:$work/clock.db" >/dev/null
+  "$apc" copy "sqlite:$work/was.db" "sqlite:$work/clock.db" >/dev/null # which enters the times anew
+  # Promise(simulation/clock-set-back): Where the clock was set back or on, every tick still comes out once, and a move over it is
+  #   explained as if the clock had gone on.
+  expect 0 '^controller: 3700 of 3700 ticks' "$apc" replay --store "sqlite:$work/clock.db"
+  "$apc" why "u@$(date -u -d @$((946684800 + 3616 + step)) +%FT%TZ)" --over 40 --json --store "sqlite:$work/clock.db" >stepped.json
+  python3 - $step <<'END' || fail "over a clock set by $step s it is another move: $(cat whole.json stepped.json)"
+import json, sys
+whole, stepped = json.load(open("whole.json")), json.load(open("stepped.json"))
+assert round(stepped.pop("time") - whole["time"], 3) == 946684800 + int(sys.argv[1])
+for of in [whole, stepped] + whole["inputs"] + stepped["inputs"]:
+    for key in "time", "from", "written":
+        of.pop(key, None)
+assert whole["inputs"] and whole == stepped
+END
+done
 "$apc" maintain --keep-ticks $(($(date +%s) - 946685595))s --store "sqlite:$work/layers.db" >/dev/null # until t = 795 s
 expect 0 '^  over the ticks after 2000-01-01T00:13:1.*: those before are not on record any more' \
   "$apc" why v1@2000-01-01T00:13:20Z --over 12 --store "sqlite:$work/layers.db"

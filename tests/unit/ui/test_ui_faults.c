@@ -378,6 +378,9 @@ static void alarms_that_cannot_be_read_are_not_answered(void **state)
         let_fail(ROWS, APC_ECONN);
         assert_int_equal(ask(reads[i], ""), 503);
         assert_string_equal(request.fault.message, "the database is away: as it was told to");
+        let_fail(ROWS, APC_EPERM);
+        assert_int_equal(ask(reads[i], ""), 503);
+        assert_string_equal(request.fault.message, "as it was told to");
         assert_int_equal(request.reply.n, 0);
         let_fail(CATALOGUE, APC_ECONN);
         assert_int_equal(ask(reads[i], ""), 503);
