@@ -42,9 +42,9 @@ struct own_options {
 
 static const struct option_spec own_options[] = {
     {"link", 'l', "URI",
-     "The plant, instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:plant:43051", OPTION_TEXT,
+     "Address of the plant, instead of the file's, e.g. tcp:127.0.0.1:43051, or tls:plant:43051", OPTION_TEXT,
      .to = offsetof(struct own_options, link)},
-    {"identity", 0, "FILE", "Of tls: who this client is, made by `apc cert client` [APC_IDENTITY]",
+    {"identity", 0, "FILE", "Identity of this client on tls:, made by `apc cert client` [APC_IDENTITY]",
      OPTION_TEXT, .to = offsetof(struct own_options, identity)},
     {0},
 };

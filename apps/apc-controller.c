@@ -34,7 +34,7 @@ struct shell {
 
 #define AT(member) .to = offsetof(struct shell, member)
 static const struct option_spec own_options[] = {
-    {"name", 'n', "NAME", "Which controller of the file to be; needed where it has several", OPTION_TEXT,
+    {"name", 'n', "NAME", "The controller of the file to run; required if there are several", OPTION_TEXT,
      AT(name)},
     {"law", 'l', "NAME",
      "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
@@ -42,8 +42,8 @@ static const struct option_spec own_options[] = {
      "controllers: CONTROLLER=NAME",
      OPTION_TEXT, AT(d.options.overrides.law), .once = "only one law at a time"},
     {"standby", 0, "NAME",
-     "One of several that run this controller: one acts, the others follow it, and when it stops ticking one "
-     "of them takes its place within three periods. NAME tells them apart, such as a and b",
+     "Run as one of several instances of this controller: one acts, the others follow it, and one of them "
+     "takes over within three periods when it stops ticking. NAME tells them apart, such as a and b",
      OPTION_TEXT, AT(place)},
     {0},
 };

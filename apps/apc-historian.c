@@ -79,16 +79,16 @@ static const struct option_spec own_options[] = {
      "in --store]",
      OPTION_TEXT, AT(history)},
     {"writes-within", 0, "SECONDS",
-     "What people ask for in the history (table request) goes to the loop if it is not older; default 10; 0: "
-     "nothing does",
+     "Largest age of a request in the history (table request) that still goes to the loop; default 10; 0: "
+     "none goes",
      OPTION_NUMBER, AT(within), .high = 3600, .must = "be seconds, from 0 to 3600"},
     {"every", 0, "SECONDS",
-     "Move what has come so often, 0.1 to 9; default 0.1. Several rows of a signal at once cost a database "
-     "less, but a host that dies takes with it what has not been moved",
+     "Time between two moves of rows, 0.1 to 9; default 0.1. Several rows of a signal at once cost a "
+     "database less, but if the host fails, the rows that were not yet moved are lost",
      OPTION_NUMBER, AT(every), .low = 0.1, .high = RARELY, .must = "be seconds, from 0.1 to 9"},
     {"pack", 0, NULL,
-     "Write four or more samples of a signal that came at once into one row of PostgreSQL, with --every some "
-     "seconds: a third of the cost. SQL finds them by function trend(), not in table sensor",
+     "Write four or more samples of a signal that are moved at once into one row of PostgreSQL: with --every "
+     "some seconds, a third of the cost. SQL reads them by function trend(), not from table sensor",
      OPTION_FLAG, AT(pack)},
     {0},
 };
@@ -96,10 +96,10 @@ static const struct option_spec own_options[] = {
 static const struct program program = {
     .ordinary = true,
     .name = "apc-historian",
-    .doc = "Move what the live store --store gets on into the history --history: samples, ticks, events, "
-           "timing and "
-           "descriptions, in order and once. While the history is away the loop goes on. What people ask for "
-           "in the history is brought to the live store, and they are told what became of it.",
+    .doc =
+        "Move the new rows of the live store --store to the history --history: samples, ticks, events, "
+        "timing and descriptions, in order and once. While the history is offline the loop goes on. Writes "
+        "that people request in the history are passed to the live store, and the outcome is returned.",
     .task = "historian",
     .extra = own_options,
 };
@@ -185,10 +185,9 @@ static void tell_asked(struct shell *s, int rc, const char *why)
     const bool away = rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL;
     if (rc < 0 && !away && s->told.refused >= 0)
         daemon_event(&s->d, APC_EVENT_WARNING, "history",
-                     "what people ask for in the history does not come to the loop: %.100s", why);
+                     "requests in the history do not reach the loop: %.100s", why);
     if (rc >= 0 && s->told.refused < 0)
-        daemon_event(&s->d, APC_EVENT_INFO, "history",
-                     "what people ask for in the history comes to the loop again");
+        daemon_event(&s->d, APC_EVENT_INFO, "history", "requests in the history reach the loop again");
     s->told.refused = away ? s->told.refused : rc;
 }
 
@@ -198,7 +197,7 @@ static void tell_lag(struct shell *s, const struct report *r, apc_ns now)
     const bool trouble = s->told.lag.away || s->told.lag.slow;
     const enum lag_change change = lag_watch_look(&s->told.lag, r->rc < 0, r->stats.behind, now - r->whole);
     if (change == LAG_AWAY)
-        daemon_event(&s->d, APC_EVENT_WARNING, "history", "the history takes nothing, trying again: %.130s",
+        daemon_event(&s->d, APC_EVENT_WARNING, "history", "the history accepts no rows, trying again: %.130s",
                      r->why);
     if (change == LAG_SLOW)
         daemon_event(&s->d, APC_EVENT_WARNING, "history",
@@ -234,8 +233,8 @@ static void tell_other(struct shell *s, const struct apc_replication_stats *stat
 {
     if (stats->other.rows > s->told.other)
         daemon_event(&s->d, APC_EVENT_ALARM, "history",
-                     "somebody else has written to the history: %llu rows are not the loop's, the last %s %d "
-                     "seq %lld; they are left as they are",
+                     "another writer has written to the history: %llu rows are not the loop's, the last %s "
+                     "%d seq %lld; they are left as they are",
                      (unsigned long long)(stats->other.rows - s->told.other),
                      apc_table_name(stats->other.table), stats->other.id, (long long)stats->other.seq);
     s->told.other = stats->other.rows;

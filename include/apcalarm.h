@@ -59,7 +59,7 @@ APC_API enum apc_alarm_state apc_alarm_next(enum apc_alarm_state state, enum apc
 /* What OPC UA Part 9 calls ActiveState, AckedState (its contrary), LatchedState, SuppressedOrShelved. Of a
  * number that is no state all are false. */
 APC_API bool apc_alarm_is_active(enum apc_alarm_state state);  /**< the condition is there. [tick] */
-APC_API bool apc_alarm_is_unacked(enum apc_alarm_state state); /**< somebody is to acknowledge. [tick] */
+APC_API bool apc_alarm_is_unacked(enum apc_alarm_state state); /**< it waits for an acknowledgement. [tick] */
 APC_API bool apc_alarm_is_latched(enum apc_alarm_state state); /**< E or F. [tick] */
 APC_API bool
 apc_alarm_is_masked(enum apc_alarm_state state); /**< shelved, suppressed, out of service. [tick] */
@@ -186,16 +186,16 @@ APC_API void apc_alarms_destroy(struct apc_alarms *alarms); /**< NULL is legal. 
  * table and id as they are. [any] */
 APC_API struct apc_rows *apc_alarms_in(struct apc_alarms *alarms);
 APC_API struct apc_rows *apc_alarms_out(struct apc_alarms *alarms); /**< transitions first. [any] */
-/** What a restart goes on from. Fill it, then apc_alarms_resume(). [any] */
+/** The rows that a restart continues from. Fill it, then apc_alarms_resume(). [any] */
 APC_API struct apc_rows *apc_alarms_former(struct apc_alarms *alarms);
 /** Go on from apc_alarms_former() as the store filled it, also where nothing is stored; before the first
  * tick. [setup] */
 APC_API void apc_alarms_resume(struct apc_alarms *alarms);
 
 /**
- * Judge apc_alarms_in() and fill apc_alarms_out(). While what the last one made is not stored it does
- * nothing. The notice tells of a request that is refused; others wait for the next tick then. Returns how many
- * transitions there are. [tick]
+ * Judge apc_alarms_in() and fill apc_alarms_out(). It does nothing while the rows of the last call are not
+ * stored. The notice reports a request that is refused; other requests then wait for the next tick. Returns
+ * how many transitions there are. [tick]
  */
 APC_API int apc_alarms_compute(struct apc_alarms *alarms, struct apc_now now, struct apc_notice *notice);
 /** Is there what is made and not stored yet? [tick] */

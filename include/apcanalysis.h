@@ -84,7 +84,7 @@ APC_API int apc_loop_poles(const struct apc_loop *loop, double *re, double *im);
 
 #define APC_LOOP_WHOLE ((size_t)-1)
 
-/** HUGE_VAL: there is no limit that was found; NAN: it cannot be told. */
+/** HUGE_VAL: no limit was found; NAN: unknown. */
 struct apc_loop_margins {
     size_t size;
     bool stable;     /**< as it is; nothing else is said of one that is not */

@@ -139,12 +139,13 @@ APC_API apc_ns apc_clock_mono(const struct apc_clock *clock); /**< NULL: the sys
 /** NULL: the system's, or what the process follows. [tick] */
 APC_API apc_ns apc_clock_utc(const struct apc_clock *clock);
 /**
- * From now on NULL means the UTC of @p clock, which has to stay; NULL: the system's again. For a process that looks
- * on at a plant whose time is not the system's: apc_store_follow(). Monotonic time is nobody else's. [setup]
+ * From now on NULL means the UTC of @p clock, which has to stay; NULL: the system's again. For a process that
+ * observes a plant whose time is not the system's: apc_store_follow(). Monotonic time stays the system's.
+ * [setup]
  */
 APC_API void apc_clock_follow(const struct apc_clock *clock);
-/** By which a plant's silence is measured, and how long somebody waits for it: the UTC that is followed; where none
- * is, the system's monotonic time. [tick] */
+/** The clock for a plant's silence and for waiting for it: the UTC that is followed; without one the system's
+ * monotonic time. [tick] */
 APC_API apc_ns apc_clock_plant(void);
 /**
  * The UTC of @p utc minus the monotonic time of @p mono, as of now; NULL: the system's. It changes when the
@@ -191,11 +192,11 @@ enum apc_table {
     APC_MANUAL,     /**< the operator's outputs, used in mode Man */
     APC_STATE,  /**< of version 1: no row is read or written any more. The description of its id 0 is the name
                    of  the experiment */
-    APC_ACTUAL, /**< what became of a variable that somebody wants: the value in force */
-    APC_ESTIMATE,   /**< what a law publishes, and what a controller in shadow would put out */
-    APC_ALARM,      /**< an alarm's state */
-    APC_TICK,       /**< vectors: what a controller's tick was made from and the next one goes on from */
-    APC_PLAN,       /**< vectors: what a setpoint will be: pairs of seconds from now and value */
+    APC_ACTUAL, /**< outcome of a write: the value in force of a variable */
+    APC_ESTIMATE, /**< values that a law publishes, and shadow outputs */
+    APC_ALARM,    /**< an alarm's state */
+    APC_TICK, /**< vectors: inputs of a controller's tick, and the state from which the next one continues */
+    APC_PLAN, /**< vectors: future setpoints: pairs of seconds from now and value */
     APC_PREDICTION, /**< vectors: what a law publishes over a horizon */
     APC_TABLE_END
 };
@@ -206,11 +207,11 @@ APC_API const char *apc_table_name(enum apc_table table);
 /** The table of that name, or 0. [any] */
 APC_API enum apc_table apc_table_parse(const char *name);
 
-/** A number for a variable that no other has, of whatever table: what became of it is told in table actual
- * under this id. 16 times its id plus the number of its table. [tick] */
+/** The unique number of a variable, over all tables: table actual has its outcome under this id. 16 times its
+ * id plus the number of its table. [tick] */
 APC_API int apc_variable_number(enum apc_table table, int id);
 
-/** The last two are only ever actual ones, which nobody can ask for. */
+/** The last two are actual modes only and cannot be requested. */
 enum apc_mode {
     APC_MODE_MAN = 0,
     APC_MODE_AUTO = 1,
@@ -244,9 +245,9 @@ struct apc_sample {
     apc_ns time;  /**< source time: when the value was acquired, UTC */
     double value; /**< in the variable's own unit */
     apc_status status;
-    uint32_t author; /**< who wrote it, where people do: the number of a name; 0: nobody said */
-    int64_t origin;  /**< seq of the row that it comes from: of an output its tick's, of what is in force
-                        that of what was wanted; 0: none. Where seq is 0: above it the first row's will be */
+    uint32_t author; /**< the person who wrote it, as the number of a name; 0: unknown */
+    int64_t origin;  /**< seq of the row that it comes from: for an output its tick's, for a value in force
+                        that of the write; 0: none. Where seq is 0: above it the first row's will be */
 };
 
 /** Above which the seq of the next row is, of a variable's newest as it was read. [any] */

@@ -39,9 +39,9 @@ enum apc_law_result {
     APC_LAW_FAILED      /**< not usable, and x starts again (reset) */
 };
 
-/** Who decides on an output. */
+/** The source of an output. */
 enum apc_law_output {
-    APC_OUT_OFF = 0, /**< nobody: nothing goes out */
+    APC_OUT_OFF = 0, /**< none: nothing goes out */
     APC_OUT_GIVEN,   /**< not the law (mode Man, held, not taken): u_last is a known input */
     APC_OUT_LAW
 };
@@ -62,14 +62,14 @@ struct apc_law_call {
     const double *y;      /**< [ny] measurements: the last usable ones; y_status says which are not of now */
     const double *z;      /**< [n_ahead * nz] setpoints, row after row */
     const double *tuning; /**< the law's parameters, then those of each output, then of each measurement */
-    double *x;            /**< [states] all that a restart goes on from */
+    double *x;            /**< [states] the whole state, which a restart restores */
     double *u;            /**< [nu] compute: to be filled; update, track: what went out */
     /** [nu] enum apc_limited. In: which way the output's consumer, a lower loop, cannot follow any more, so
      * that nothing may wind up that way. Out of compute: which way a limit of the law holds u back, besides.
      */
     unsigned *limited;
     void *self;                 /**< what create made; NULL without it */
-    bool gap;                   /**< track: y was away, or this is the first call: x knows no recent y */
+    bool gap;                   /**< track: y was missing, or this is the first call: x knows no recent y */
     uint64_t tick;              /**< index of the tick on the controller's grid */
     double t;                   /**< s of the schedule since the start, the same in a replay */
     const apc_status *y_status; /**< [ny] Bad: stale or broken, y is then an old value */
@@ -80,18 +80,18 @@ struct apc_law_call {
     const double *low, *high; /**< [nu] limits of the outputs; -+HUGE_VAL: none */
     const double *rate;       /**< [nu] greatest change of an output in 1 s; HUGE_VAL: any */
     const double *y_low, *y_high;   /**< [ny] soft limits of the measurements; -+HUGE_VAL: none */
-    const double *u_last;           /**< [nu] what really went out last; NaN: nothing did */
+    const double *u_last;           /**< [nu] the output that was applied last; NaN: none */
     const enum apc_law_output *out; /**< [nu] track has to do with those that are not APC_OUT_LAW */
-    double *published;   /**< out of compute: what create said that it publishes, one after another; NULL:
+    double *published; /**< out of compute: what create said that it publishes, one after another; NULL:
                             nothing */
-    char *why;           /**< [APC_LAW_WHY] compute: what to say with a result other than good */
-    double budget;       /**< s that compute may take */
-    apc_ns deadline;     /**< its end in monotonic time; 0: virtual time, see apc_law_left() */
-    unsigned *y_limited; /**< [ny] out of compute of a law that selects: enum apc_limited, which way a
-                            measurement cannot move the output, as others are selected; 0 before. NULL: nobody
-                            asks */
-    char *say; /**< [APC_LAW_SAY] out of compute: a line for the events, whatever its result. NULL: nobody
-                  asks */
+    char *why;         /**< [APC_LAW_WHY] compute: what to say with a result other than good */
+    double budget;     /**< s that compute may take */
+    apc_ns deadline;   /**< its end in monotonic time; 0: virtual time, see apc_law_left() */
+    unsigned
+        *y_limited; /**< [ny] out of compute of a law that selects: enum apc_limited, which way a measurement
+                       cannot move the output, as others are selected; 0 before. NULL: not wanted */
+    char *say; /**< [APC_LAW_SAY] out of compute: a line for the events, whatever its result. NULL: not wanted
+                */
 };
 
 /** The time in s that is left to compute, below 0 when it is late; in virtual time, where computing takes
@@ -117,8 +117,8 @@ struct apc_law_plant {
     /** The model as it was given, sampled with the controller's period and with its dead times (apclinear.h):
      * nx is then 0, and of the others only D, u0, y0 say something. NULL: it is what the others say. */
     const struct apc_linear *sampled;
-    /** What the others were linearised from, with its parameters [np]; NULL: nobody knows. The model is there
-     * as long as the instance. */
+    /** The model that the others were linearised from, with its parameters [np]; NULL: unknown. It lives as
+     * long as the instance. */
     const struct apc_model *model;
     const double *p;
     const size_t *disturbance; /**< [nd] which of the model's disturbances, from 0, each d is; with model */

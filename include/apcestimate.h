@@ -43,7 +43,7 @@ struct apc_estimator_options {
     const double *q;
     const double *r;  /**< [ny] required: variance of each measurement's noise, above 0 */
     const double *p0; /**< [nx] variances to begin with; NULL: q, or 1 where that is 0 */
-    /** Of the extended one: disturbances that nobody measures, constant but for q; they are further states,
+    /** Of the extended filter: unmeasured disturbances, constant but for q; they are further states,
      * behind those of the model, and count in every nx here. [n_unknown]; an input may be one of model's own
      * disturbances, behind its nu inputs. */
     const struct apc_linear_unknown *unknown;

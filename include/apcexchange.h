@@ -8,9 +8,9 @@
  *
  *     begin(u) ... finish(y)
  *
- * Two calls, because nobody waits in virtual time. Between them one exchange is under way; what comes too
- * late for it is never taken for the next one's, and what could not be written is never written later. One
- * thread at a time.
+ * There are two calls, because virtual time does not wait. Between them one exchange is under way; what comes
+ * too late for it is never taken for the next one's, and what could not be written is never written later.
+ * One thread at a time.
  */
 #ifndef APCEXCHANGE_H
 #define APCEXCHANGE_H
@@ -34,7 +34,7 @@ struct apc_inproc_options {
     struct apc_network_options network;
     apc_server_fn serve; /**< required: the plant */
     void *serve_ctx;
-    /** The exchange has ended: call apc_exchange_finish(), here or later. NULL: nobody is told. */
+    /** The exchange has ended: call apc_exchange_finish(), here or later. NULL: no call. */
     void (*done)(void *ctx);
     void *done_ctx;
 };
@@ -93,7 +93,7 @@ struct apc_modbus_options {
     /** [nu] for outputs that may be out of service by themselves: for each a holding register that counts the
      * exchanges in which it was written; area 0: that one has none. NULL: none has. Copied. */
     const struct apc_modbus_point *watchdogs;
-    /** Before outputs are written, read what stands in their places: apc_exchange_read_back(). */
+    /** Read the registers of the outputs before they are written: apc_exchange_read_back(). */
     bool read_back;
     /** Write each register and coil by itself, functions 6 and 5: a device that knows no others. Where it is
      * false these are used of a unit that answered functions 16 and 15 by exception 1. */
@@ -214,14 +214,14 @@ APC_API int apc_exchange_safe(struct apc_exchange *exchange, const bool *spared,
 APC_API void apc_exchange_claim(struct apc_exchange *exchange, uint64_t number);
 /**
  * The plant's own value of output @p i, from 0, as the last exchange began. APC_GOOD: the value that it had
- * been given, or not read (only `modbus:` does, and only if told to). APC_UNCERTAIN_SUBSTITUTE: another one,
+ * been given, or not read (only `modbus:` does, with read_back). APC_UNCERTAIN_SUBSTITUTE: another one,
  * in @p value. Bad: it could not be read. [tick]
  */
 APC_API apc_status apc_exchange_read_back(const struct apc_exchange *exchange, size_t i, double *value);
 /**
- * false: the plant answered the last exchange and has not taken its command, or not all of it. A value is
- * beyond what it can take, or too old for it, or a part of the plant failed that has outputs. A plant behind
- * frames says so by a reply without a number, where it numbers the others. [tick]
+ * false: the plant answered the last exchange and has not taken its command, or not all of it. A value was
+ * out of its range or too old, or a part of the plant with outputs failed. A plant with frames reports it by
+ * a reply without a number. [tick]
  */
 APC_API bool apc_exchange_taken(const struct apc_exchange *exchange);
 /** Text of the last failure, also of a part; "" when the last exchange had none. Lives until the next call. [tick] */

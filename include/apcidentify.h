@@ -74,9 +74,9 @@ struct apc_identify_transfer_options {
 /** What is known of one output. Standard errors are NAN where the record says nothing of a number: where the
  * 95 % interval is wider than the number, or the search ended at its limit. */
 struct apc_transfer_fit {
-    double deviation;    /**< of what the inputs do not explain, as it would be predicted a sample ahead */
-    unsigned noise;      /**< order of its autoregression; 0: it is white */
-    bool rest;           /**< the plant was at rest when the record began, as far as can be told; the inputs
+    double deviation; /**< of what the inputs do not explain, as it would be predicted a sample ahead */
+    unsigned noise;   /**< order of its autoregression; 0: it is white */
+    bool rest;        /**< the plant was at rest when the record began, as far as the record shows; the inputs
                               may have moved with its first sample */
     size_t n_parameters; /**< that were fitted */
 };
@@ -188,7 +188,7 @@ APC_API int apc_identify_parameters(const struct apc_record *record, const struc
 /** White noise, of a state or a measurement. */
 struct apc_noise {
     double deviation; /**< of a state: of a random walk in 1 s; 0: the record shows none */
-    double error;     /**< standard error of its logarithm; NAN: only that it is no greater can be told */
+    double error;     /**< standard error of its logarithm; NAN: the deviation is an upper limit only */
 };
 /** NAN: it has no end on that side within the parameter's limits. */
 struct apc_interval {
@@ -221,7 +221,7 @@ APC_API int apc_identify_likelihood(const struct apc_record *record, const struc
 
 /* ---- Validation ------------------------------------------------------------------------------------ */
 
-/** How well a model goes with a record, of one output. NAN: it cannot be told. */
+/** How well a model fits a record, for one output. NAN: unknown. */
 struct apc_validation {
     double fit;         /**< %, running freely: 100 (1 - |y - model| / |y - mean of y|) */
     double ahead;       /**< the same, a sample ahead; NAN without a K */

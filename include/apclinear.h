@@ -72,7 +72,7 @@ APC_API int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_
                                      const struct apc_transfer *g, const double *u0, const double *y0,
                                      double Ts, struct apc_error *why);
 
-/** Where a disturbance that nobody measures, constant until it changes, comes in. */
+/** Where an unmeasured disturbance, constant until it changes, acts. */
 struct apc_linear_unknown {
     enum apc_linear_where {
         APC_AT_OUTPUT = 1, /**< is added to a measurement */

@@ -158,13 +158,13 @@ APC_API void apc_scheduler_resume(struct apc_scheduler *scheduler, uint64_t step
 /**
  * Fill out with the rows due in step number @p step of the grid, @p age after it began. These are the missing
  * steps of the setpoints that are Remote, each with its plan. Each says the newest row that was read, so that
- * it is left out if somebody was faster. The notice tells, once, of those that became Local or Remote. Called
- * at each step, and in between to see whether the owner changed. Returns how many setpoints. [tick]
+ * it is left out if another write was faster. The notice reports once which became Local or Remote. Called at
+ * each step, and in between to see whether the owner changed. Returns how many setpoints. [tick]
  */
 APC_API int apc_scheduler_compute(struct apc_scheduler *scheduler, struct apc_now now, uint64_t step,
                                   apc_ns age, struct apc_notice *notice);
-/** What became of out: @p stored, with the seqs that its rows got. Returns false where something is still
- * due: somebody was faster, or nothing was stored. Then read and compute again. [tick] */
+/** The outcome of out: @p stored, with the seqs of its rows. Returns false if something is still due: another
+ * write was faster, or nothing was stored. Then read and compute again. [tick] */
 APC_API bool apc_scheduler_update(struct apc_scheduler *scheduler, bool stored);
 
 /* ---- Plant server ------------------------------------------------------------------------- */
@@ -172,7 +172,7 @@ APC_API bool apc_scheduler_update(struct apc_scheduler *scheduler, bool stored);
 /** What may go wrong with a sensor. Times are since the plant's first tick. */
 struct apc_sensor_fault {
     enum apc_sensor_fault_kind {
-        APC_FAULT_STUCK = 1, /**< it goes on showing what it showed last */
+        APC_FAULT_STUCK = 1, /**< it keeps its last value */
         APC_FAULT_DRIFT,     /**< size is added for each second since it began */
         APC_FAULT_DROPOUT,   /**< Bad */
         APC_FAULT_SPIKE,     /**< size is added */
@@ -440,7 +440,7 @@ struct apc_controller_loop {
     int setpoint;        /**< id of the setpoint of a loop below that it moves; 0: none */
     int below;           /**< with it: id in table opmode of that loop's target */
     int below_tick;      /**< with it: id of the tick row of that loop's controller; with signal: of the one
-                              that tells what became of it, as its law selects; 0: none does */
+                              that has its outcome, as its law selects; 0: none */
     apc_ns below_period; /**< required with it: of that controller; with peers the longest */
     struct apc_controller_peers below_peers; /**< of that controller */
     int signal; /**< instead: id in table sensor of the signal that it calculates; 0: none. It never is
@@ -475,8 +475,8 @@ struct apc_controller_options {
     const int *y, *d;    /**< [ny], [nd] ids in table sensor; NULL: 1, 2, ...; copied */
     const apc_ns *y_horizon, *d_horizon; /**< [ny], [nd] of single ones, such as what another controller
                             calculates; NULL or 0: horizon; copied */
-    const bool *told; /**< [ny] of those that another controller calculates: it is told what became of
-                         them, in table actual, if the law is one that selects; NULL: none; copied */
+    const bool *told; /**< [ny] of those that another controller calculates: table actual tells it the
+                         outcome, if the law selects; NULL: none; copied */
     const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
     const struct apc_controller_loop *loop;  /**< [nu]; NULL: ids 1, 2, ... without limits; copied */
     int tuning;                              /**< id of the first tuning; the others follow; default 1 */
@@ -484,7 +484,7 @@ struct apc_controller_options {
                                  these tables; the others follow; 0: they are not written */
     int acting;  /**< id in table opmode of the switch that says by its number which controller of these
                     outputs acts; 0: there is none, and this one does */
-    bool shadow; /**< with it: another one acts where nobody has set the switch */
+    bool shadow; /**< with it: another one acts as long as the switch is not set */
     int output;  /**< id in table estimate of its first output, as it puts it out or would; the others
                     follow; 0: they are not written */
     const struct apc_signal_view *view; /**< [ny + nz + nu + nd] what is known of the signals, for the laws;
@@ -532,10 +532,10 @@ APC_API struct apc_rows *apc_controller_in(struct apc_controller *controller);
  * come first, then setpoints that were put back, the outcome of requests (table actual) where it changed, and
  * what the law published where it was asked. The last one is the tick row: all inputs of this tick, and all
  * that the next tick needs. All are one transaction. While another controller acts neither outputs nor
- * setpoints nor what became of those are among it. [any]
+ * setpoints nor their outcomes are among them. [any]
  */
 APC_API struct apc_rows *apc_controller_out(struct apc_controller *controller);
-/** The rows that a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in tables
+/** The rows that a restart continues from, for apc_store_read_rows(): its newest tick row, its rows in tables
  * actual and estimate. Fill it, then apc_controller_resume(). [any] */
 APC_API struct apc_rows *apc_controller_former(struct apc_controller *controller);
 
@@ -560,8 +560,8 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
 /** The other notices of that tick, one loop's at each call; false: that is all. The first, and most severe,
  * is the @p notice of apc_controller_compute(), where that was asked for one. [tick] */
 APC_API bool apc_controller_noticed(struct apc_controller *controller, struct apc_notice *notice);
-/** What the law's answer at that tick comes from, for output @p i, from 0, before limits: the first @p most into
- * @p term. Returns how many there are; 0: the output is not the law's, or the law tells of none (`pi`, `pid`,
+/** The terms of the law's answer at that tick, for output @p i, from 0, before limits: the first @p most into
+ * @p term. Returns how many there are; 0: the output is not the law's, or the law reports none (`pi`, `pid`,
  * `mpc`, `nmpc` do). [any] */
 APC_API size_t apc_controller_terms(struct apc_controller *controller, size_t i, struct apc_law_term *term,
                                     size_t most);

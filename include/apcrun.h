@@ -90,15 +90,15 @@ APC_API double apc_simulation_time(const struct apc_simulation *s);
  */
 APC_API int apc_simulation_write(struct apc_simulation *s, const char *name, double value);
 /** Ask for a mode of a loop, by its output or as "upper.r1" by controller and output, or of all loops of a
- * controller. Returns 0, APC_ENOTFOUND, APC_EINVAL (a mode that nobody can ask for, or not of this loop).
+ * controller. Returns 0, APC_ENOTFOUND, APC_EINVAL (a mode that cannot be requested, or not of this loop).
  * [setup]
  */
 APC_API int apc_simulation_mode(struct apc_simulation *s, const char *loop_or_controller, enum apc_mode mode);
-/** Do @p what. Controller @p name: "kill", as kill -9 does at any moment, and "start" again; "promote", so
- * that a controller acts that is or was in shadow. Setpoint @p name: "local", take it from the controller or
- * the scheduler that moves it, with its present value, and "remote", give it back. Returns 0, APC_ENOTFOUND,
- * APC_EINVAL (another @p what, nobody else moves it, or it is in nobody's shadow), or why it cannot be
- * started. [setup] */
+/** Do @p what. Controller @p name: "kill", as kill -9 does at any moment, and "start" again; "promote", which
+ * makes it the active one of several for the same outputs. Setpoint @p name: "local" makes it Local with its
+ * present value; "remote" lets the controller above or the scheduler move it again. Returns 0, APC_ENOTFOUND,
+ * APC_EINVAL (another @p what, a setpoint that is always Local, or a controller without a shadow), or why it
+ * cannot be started. [setup] */
 APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name);
 /** The newest value of a measurement, setpoint, output or parameter. Returns 0, APC_ENOTFOUND (no such name,
  * or there is no value yet) or another error. [setup] */

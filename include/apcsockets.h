@@ -206,8 +206,8 @@ struct apc_server_options {
      */
     int (*whole)(const char *bytes, size_t n);
     struct apc_identity *identity; /**< of tls:, which requires it */
-    /** Of tls:, which requires one: the names (CN) of the certificates whose holders may connect; nobody else
-     * can. Borrowed. */
+    /** Of tls:, which requires one: the names (CN) of the certificates whose holders may connect; others are
+     * rejected. Borrowed. */
     const char *const *clients;
     size_t n_clients;
 };

@@ -114,18 +114,17 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
 /*
  * Store and forward: a store with a spool acknowledges apc_store_append() and apc_store_append_events() also
  * while it is away (APC_ECONN, APC_ETIMEDOUT) or its disk is full (APC_EFULL). The rows are on disk in the
- * spool when the call returns. apc_store_error() then says why the store is away. Once something waits,
+ * spool when the call returns. apc_store_error() then says why the store is offline. Once something waits,
  * everything goes through the spool, in order; apc_store_connect(), apc_store_append() and
  * apc_store_append_events() each drain a portion when the store is there, for about a tenth of the timeout.
- * While it is away it is asked only now and then: what made a call wait is left alone for as long, the second
- * time for twice as long, then for four times as long.
+ * While it is offline it is asked only now and then: after a call that waited, it is left alone for the same
+ * time, the second time for twice that time, then for four times.
  *
- * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
- *   succeeds if records wait, which say how far the writer had come. The claim is then taken before they
- *   drain; if another writer has it (APC_EBUSY), they continue to wait. With an empty spool it is APC_ECONN,
- *   as
+ * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is offline it
+ * succeeds if records wait, which say how far the writer had come. The claim is then taken before they drain;
+ * if another writer has it (APC_EBUSY), they continue to wait. With an empty spool it is APC_ECONN, as
  *   without one.
- * - apc_store_read() gives, while the store is away, the value that was last read or appended through this
+ * - apc_store_read() gives, while the store is offline, the value that was last read or appended through this
  *   store. It has its own seq and time, and status UncertainLastUsableValue unless it is worse. APC_ECONN if
  *   one of the variables was never seen.
  * - APC_EBUSY, APC_ESCHEMA and APC_ECONFLICT from an append, met while draining, leave its rows in the spool.
@@ -203,16 +202,16 @@ APC_API int apc_store_claim_set(struct apc_store *store, struct apc_sample *vari
 /** Give variables back, so that another writer may claim them; those that are not ours are left alone.
  * [setup] */
 APC_API int apc_store_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
-/** The number of the claim that has a variable, larger than that of any claim before it; 0: nobody has it, or
- * who had it is gone. Returns 0; APC_EINVAL: this kind of store numbers none. Over shm: and postgresql:.
+/** The number of the claim that has a variable, larger than that of any claim before it; 0: it has no holder,
+ * or the holder is gone. Returns 0; APC_EINVAL: this kind of store numbers none. Over shm: and postgresql:.
  * [setup] */
 APC_API int apc_store_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder);
 /**
  * Become the one writer, as by apc_store_claim_set(), of variables that the claim @p holder has, though its
- * writer lives: one that hangs, or is cut off, has a successor then. He is fenced: all that he claimed is
- * free, and whatever he still writes through that handle is refused with APC_EBUSY, also what was on its way.
- * Over shm: until he releases or claims something; over postgresql: his session is ended, so both have to be
- * of the same role (else APC_EPERM). APC_EBUSY: another claim has one of them. [setup]
+ * writer lives: the successor of a writer that hangs or is cut off. The former writer is fenced: all that it
+ * claimed is free, and all that it still writes through that handle is refused with APC_EBUSY, also writes on
+ * their way. Over shm: until it releases or claims something; over postgresql: its session is ended, so both
+ * have to be of the same role (else APC_EPERM). APC_EBUSY: another claim has one of them. [setup]
  */
 APC_API int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder);
 
@@ -252,8 +251,8 @@ APC_API int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows);
  *
  * Rows of a table with one writer carry their seq and are stored as by apc_store_append(). A row of setpoint,
  * opmode, tuning or manual carries in seq the newest that the caller knows (0: there is none), or
- * APC_SEQ_ANY: whatever it is. On return its seq is that of the row, or 0: somebody else was faster, and this
- * row alone was left out. The same variable twice: the first goes before the second.
+ * APC_SEQ_ANY: whatever it is. On return its seq is that of the row, or 0: another writer was faster, and
+ * only this row was left out. The same variable twice: the first goes before the second.
  *
  * Returns how many rows this very call stored. After APC_ECONN or APC_ETIMEDOUT, seq are as they were, and a
  * repeat leaves out what is there already: of one of the four tables the caller then looks at what is newest.
@@ -262,9 +261,9 @@ APC_API int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows);
 APC_API int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows);
 
 /**
- * The number that stands as author in what @p name (1 to 63 bytes) writes: it is given when the name is new,
- * and stays. In PostgreSQL each of the database's users has names of its own, and may write under those only.
- * Returns the number, above 0, APC_EINVAL: the name is empty or too long, or an error. [setup]
+ * The author number of @p name (1 to 63 bytes) in its writes: a new name gets one, which stays. In PostgreSQL
+ * each of the database's users has names of its own, and may write under those only. Returns the number,
+ * above 0, APC_EINVAL: the name is empty or too long, or an error. [setup]
  */
 APC_API int apc_store_author(struct apc_store *store, const char *name);
 /** Whose number it is. Returns 0, APC_ENOTFOUND or an error; then @p name is empty. [setup] */
@@ -446,9 +445,10 @@ struct apc_replication;
 struct apc_replication_stats {
     size_t size;                               /**< in: of this struct */
     uint64_t samples, vectors, events, timing; /**< stored, since it was made */
-    uint64_t behind; /**< samples and vectors that TO has not got yet: at most, as of the last look at FROM */
-    bool away;       /**< the last step failed with TO, not with FROM */
-    /** What FROM had no longer when its turn came: seqs are missing in TO. */
+    uint64_t
+        behind; /**< samples and vectors that TO does not have yet: at most, as of the last read of FROM */
+    bool away;  /**< the last step failed with TO, not with FROM */
+    /** Rows that FROM no longer had when their turn came: seqs are missing in TO. */
     struct {
         uint64_t times, rows; /**< so many variables, each time that it was found; so many seqs in all */
         apc_ns since, until;  /**< source time of the rows before the oldest and after the newest of them */
@@ -459,7 +459,7 @@ struct apc_replication_stats {
                  there of what TO had at the start */
     uint64_t older; /**< so many times TO had less than it had taken, a backup that was restored: it is sent
                        again */
-    /** Rows of TO that differ from FROM's row of the same number: somebody else wrote there. They stay.
+    /** Rows of TO that differ from FROM's row of the same number: another writer wrote there. They stay.
      */
     struct {
         uint64_t rows;
@@ -470,26 +470,26 @@ struct apc_replication_stats {
     uint64_t refused; /**< events and rows of timing that TO refuses for what they say: APC_ERANGE */
 };
 
-/** What FROM had no longer when its turn came, since that was told last. */
+/** Rows that FROM no longer had when their turn came, since the last report. */
 struct apc_replication_gap {
     size_t size;             /**< of this struct */
     uint64_t variables;      /**< of so many rows are missing; 0: of none */
     apc_ns since, until;     /**< ... all of which lie between these source times */
     uint64_t events, timing; /**< so many of these are missing, at most */
 };
-/** Put it down, where it stays: it may call FROM. Returns 0; or an error of FROM's, and is called again. */
+/** Record it durably: it may call FROM. Returns 0; or an error of FROM's, and is called again. */
 typedef int (*apc_replication_gap_fn)(void *ctx, const struct apc_replication_gap *gap);
 
 /**
- * From @p from into @p to, both open; they stay the caller's and are nobody else's meanwhile. Nothing is read
- * yet. [setup] Returns 0, APC_EINVAL or APC_ENOMEM.
+ * From @p from into @p to, both open; they stay the caller's, and nothing else uses them meanwhile. Nothing
+ * is read yet. [setup] Returns 0, APC_EINVAL or APC_ENOMEM.
  */
 APC_API int apc_replication_create(struct apc_replication **replication, struct apc_store *from,
                                    struct apc_store *to, struct apc_error *why);
 APC_API void apc_replication_destroy(struct apc_replication *replication); /**< NULL is legal. [setup] */
-/** Who is told of gaps, by apc_replication_step(): of rows before TO gets the ones that follow, and what was put
- * down as an event in FROM goes to TO before them. So no gap is without a word, whenever a process ends.
- * [setup] */
+/** Set the function that apc_replication_step() calls for gaps: before TO gets the rows after a gap. An event
+ * that it records in FROM goes to TO before them. So each gap is reported, whenever a process ends. [setup]
+ */
 APC_API void apc_replication_tell(struct apc_replication *replication, apc_replication_gap_fn fn, void *ctx);
 /**
  * Move what FROM has, in batches, until TO has it all or @p timeout has passed; a store that hangs is waited
@@ -497,7 +497,7 @@ APC_API void apc_replication_tell(struct apc_replication *replication, apc_repli
  * vectors what TO has at the end of a whole step is FROM's as of one moment.
  *
  * Returns how many rows it stored, 0: TO had it all; or an error, after which it may be called again:
- * - APC_EPERM: TO belongs to another experiment. APC_EBUSY: somebody else writes it.
+ * - APC_EPERM: TO belongs to another experiment. APC_EBUSY: another process writes it.
  * - APC_ECONFLICT: TO has rows that are newer than FROM's, or others under the same numbers, so that it has
  *   not got them from there, or from one whose clock was wrong.
  * - that of a store. [setup]
@@ -515,10 +515,10 @@ APC_API void apc_replication_stats(const struct apc_replication *replication,
                                    struct apc_replication_stats *stats); /**< [any] */
 
 /**
- * A new live store goes on from its history, before anything else is written in it: of each variable that it
- * has not got it takes the newest row, under its own seq. So the requests of people and the state of
- * controllers are there again, and seqs rise above all that went before. A live store without events gets one
- * that says since when nothing is on record. Where the history does not answer, seqs begin at (seconds since
+ * A new live store continues from its history, before anything else is written in it: for each variable that
+ * it lacks it takes the newest row, under its own seq. So the requests of people and the state of controllers
+ * are there again, and seqs rise above all that went before. A live store without events gets one that says
+ * since when nothing is on record. Where the history does not answer, seqs begin at (seconds since
  * 2020-01-02) x 2^20 instead (`shm:` only), above all that has been given out by then. Returns how many rows
  * it took over; or an error and why: also that of the history. [setup]
  */
@@ -526,8 +526,7 @@ APC_API int apc_store_take_over(struct apc_store *live, struct apc_store *histor
 
 /* ---- What people ask of a history --------------------------------------------------------- */
 
-/** A value that somebody wants written, put down in table `request` of a history because the loop is
- * elsewhere. */
+/** A write that a person requests in table `request` of a history, because the loop is elsewhere. */
 struct apc_request {
     int64_t id;           /**< where it came first, in no order of time */
     apc_ns time;          /**< when it was asked for; with id it is one and no other */
@@ -545,7 +544,7 @@ typedef int (*apc_request_fn)(void *ctx, const struct apc_request *request);
 /** Those whose outcome has not been said, up to 64 of them. Of `postgresql:` only; of others there are none.
  * Returns the number given. [setup] */
 APC_API int apc_store_requests(struct apc_store *store, apc_request_fn fn, void *ctx);
-/** Say what became of one, as long as nobody has: @p seq of its row in the live store, 0: there is none;
+/** Answer a request that has no answer yet: @p seq of its row in the live store, 0: there is none;
  * @p outcome up to 191 bytes, NULL: that is still to come. Returns 0 or an error. [setup] */
 APC_API int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
 /** Say that the store is a history: a historian writes it, and what people want is asked for in
@@ -580,22 +579,22 @@ APC_API int apc_store_past(struct apc_store **past, struct apc_store *store, apc
 
 /* ---- Stores of a simulated plant -------------------------------------------------------------- */
 /**
- * The clock of a plant that one process simulates, in a store `shm:` (also of LIVE+HISTORY). Its time goes on
- * only while that process makes a tick. Who else writes meanwhile waits until it is made; what people write is
- * stamped with the time of the next tick, before which it takes effect.
+ * The clock of a plant that one process simulates, in a store `shm:` (also of LIVE+HISTORY). Its time
+ * advances only while that process makes a tick. Other writers wait until the tick is made; people's writes
+ * get the time of the next tick, before which they take effect.
  */
 struct apc_store_clock {
     size_t size;
     apc_ns now;     /**< UTC of the plant */
-    double asked;   /**< plant time / time; 0: it is paused; INFINITY: as fast as it goes */
-    double reached; /**< within the last second; below 0: nobody simulates it yet */
-    uint64_t steps; /**< ticks that are still to be made while it is paused */
+    double asked;   /**< plant time / time; 0: it is paused; INFINITY: as fast as possible */
+    double reached; /**< within the last second; below 0: the simulation has not started */
+    uint64_t steps; /**< ticks still to run while it is paused */
     apc_ns rewind;  /**< UTC of the plant to which it is to go back; 0: it goes on */
 };
-/** Returns 1; 0, with zeros, where the plant is none that is simulated; or an error. [setup] */
+/** Returns 1; 0, with zeros, if the plant is not simulated; or an error. [setup] */
 APC_API int apc_store_clock(struct apc_store *store, struct apc_store_clock *clock);
-/** Another speed, from 0 on, or INFINITY, and so many ticks where it is 0. Returns 0, APC_EINVAL, APC_ESTATE (the
- * plant is none that is simulated), or an error. [setup] */
+/** Another speed, from 0 on, or INFINITY, and so many ticks where it is 0. Returns 0, APC_EINVAL, APC_ESTATE
+ * (the plant is not simulated), or an error. [setup] */
 APC_API int apc_store_set_speed(struct apc_store *store, double asked, uint64_t steps);
 /** The plant is to go back to the time @p to, UTC, and to be paused there. Who simulates ends this store, and begins one
  * of the same name. Returns as apc_store_set_speed(). [setup] */
@@ -650,17 +649,16 @@ APC_API int64_t apc_store_forget(struct apc_store *store, apc_ns before);
 /** A plant of a database: a schema with libapc's tables. */
 struct apc_store_plant {
     size_t size;
-    char schema[64]; /**< what stands behind the # of its store's URI */
-    bool owned;      /**< its tables are this user's own: init and maintain are his to call */
+    char schema[64]; /**< the part behind the # of its store's URI */
+    bool owned;      /**< this user owns its tables and may call init and maintain */
     apc_ns newest;   /**< source time of its newest measurement, UTC; 0: none, or not for this user to read */
 };
 /** Called for each, by name; return nonzero to end early. */
 typedef int (*apc_plant_fn)(void *ctx, const struct apc_store_plant *plant);
 /**
- * Put what the file @p from holds, a backup, in the place of all that a store of `sqlite:` holds, at once for
- * all who have it open; it is made where there is none. What was there is kept in a file beside it, whose
- * name
- * @p kept gets ("": there was nothing). [setup] Returns 0, APC_EBUSY: somebody writes it, APC_ENOTFOUND,
+ * Replace the content of a store of `sqlite:` by that of the backup file @p from, at once for all processes
+ * that have it open; a missing store is made. The former content is kept in a file beside it, whose name @p
+ * kept gets ("": there was none). [setup] Returns 0, APC_EBUSY: a process writes it, APC_ENOTFOUND,
  * APC_ESCHEMA: the one or the other is no record, APC_ESTORE: damaged, or as apc_store_init().
  */
 APC_API int apc_store_restore(struct apc_store *store, const char *from, char *kept, size_t size);

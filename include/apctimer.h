@@ -61,8 +61,9 @@ struct apc_histogram;
 APC_API int apc_histogram_create(struct apc_histogram **histogram);  /**< [setup] 0 or APC_ENOMEM */
 APC_API void apc_histogram_destroy(struct apc_histogram *histogram); /**< NULL is legal. [setup] */
 APC_API void apc_histogram_record(struct apc_histogram *histogram, apc_ns value); /**< one thread. [tick] */
-APC_API void apc_histogram_clear(struct apc_histogram *histogram); /**< while nobody else writes it. [any] */
-/** Add all of @p from, which may be running, to @p to, which nobody else writes meanwhile. [any] */
+APC_API void
+apc_histogram_clear(struct apc_histogram *histogram); /**< while no other thread writes it. [any] */
+/** Add all of @p from, which may be running, to @p to, which no other thread writes meanwhile. [any] */
 APC_API void apc_histogram_merge(struct apc_histogram *to, const struct apc_histogram *from);
 /**
  * What @p live recorded since @p mark last saw it goes into @p window (its old content is lost), and
@@ -111,7 +112,7 @@ struct apc_timing {
 
 /* ---- Executives and tasks ----------------------------------------------------------------- */
 
-/** What one call of a task is told. Times are monotonic except utc. */
+/** The arguments of one call of a task. Times are monotonic except utc. */
 struct apc_tick {
     uint64_t index; /**< k of the grid, from 0 (aligned: from the first k to come); missed ticks leave gaps */
     apc_ns scheduled; /**< start + k * period */
@@ -173,7 +174,8 @@ struct apc_executive_options {
      * executive "virtual" is its own clock and takes none. */
     const struct apc_clock *clock;
     struct apc_log *log; /**< NULL: silent */
-    /* The following is done if the process may. If not, a line in the log says so, and it goes on without. */
+    /* The following is done if the process may. If not, a line in the log says so, and the executive runs
+     * without it. */
     /**
      * Hold /dev/cpu_dma_latency at 0 while the executive lives, which takes root: no CPU enters a sleep state
      * that takes long to leave. It halves the lateness; idle CPUs then use full power.

@@ -18,7 +18,7 @@ struct options {
 };
 
 static const struct option_spec own_options[] = {
-    {"test-notify", 0, NULL, "Give each command of `notify` a test message, say what came, and end",
+    {"test-notify", 0, NULL, "Send a test message to each command of `notify`, print the results, and end",
      OPTION_FLAG, .to = offsetof(struct options, test)},
     {0},
 };
@@ -180,7 +180,7 @@ static int test_notify(struct daemon *d)
     const struct experiment *e = &d->experiment;
     int rc = 0;
     if (e->alarms.n_notices == 0)
-        return daemon_error(d, APC_EINVAL, "%s has no command of `notify`: nobody is told of alarms",
+        return daemon_error(d, APC_EINVAL, "%s has no command of `notify`: alarms are reported to nobody",
                             e->file);
     for (size_t i = 0; i < e->alarms.n_notices; i++) {
         char why[128] = "needs more memory than there is";
@@ -188,7 +188,7 @@ static int test_notify(struct daemon *d)
         if (notifier_try(e, is, why, sizeof why))
             printf("\"%s\" was told\n", is->command);
         else
-            rc = daemon_error(d, APC_ESYS, "\"%s\" was not told: it %s", is->command, why);
+            rc = daemon_error(d, APC_ESYS, "\"%s\" was not notified: it %s", is->command, why);
         (void)fflush(stdout);
     }
     return rc;

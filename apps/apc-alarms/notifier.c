@@ -184,12 +184,12 @@ static void report_notification(struct notifier *n, const struct raised *raised,
     if (done && n->untold == 0 && dropped == 0)
         return;
     if (!done && n->untold == 0)
-        daemon_event(n->d, APC_EVENT_WARNING, "notify", "%.40s was not told: \"%.80s\" %.100s", name,
+        daemon_event(n->d, APC_EVENT_WARNING, "notify", "%.40s was not reported: \"%.80s\" %.100s", name,
                      n->is->command, why);
     n->untold += dropped + !done;
     if (!done)
         return;
-    daemon_event(n->d, APC_EVENT_INFO, "notify", "\"%.80s\" is told of alarms; %lu were not told",
+    daemon_event(n->d, APC_EVENT_INFO, "notify", "\"%.80s\" receives alarms again; %lu were not reported",
                  n->is->command, n->untold);
     n->untold = 0;
 }
@@ -322,7 +322,7 @@ int notifier_start(struct notifier **out, struct daemon *d, const struct alarm_n
         n->wake < 0 || n->stop < 0 ? errno : pthread_create(&n->thread, NULL, serve_notifications, n);
     if (rc != 0) {
         destroy(n);
-        return daemon_error(d, APC_ESYS, "alarms cannot be told to \"%s\": %s", is->command, strerror(rc));
+        return daemon_error(d, APC_ESYS, "alarms cannot be sent to \"%s\": %s", is->command, strerror(rc));
     }
     *out = n;
     return 0;
@@ -374,7 +374,7 @@ void notifier_follow(struct notifier *n, const struct apc_sample *row)
     const bool spared = later->row.seq == 0 && (was.again ? find_untold(n, &was.row) != NULL : was.due > 0);
     pthread_mutex_unlock(&n->mutex);
     if (spared)
-        record_telling(n, &was, "was not told: it was acknowledged or masked before");
+        record_telling(n, &was, "was not reported: it was acknowledged or masked before");
 }
 
 bool notifier_try(const struct experiment *e, const struct alarm_notice *is, char *why, size_t size)

@@ -504,13 +504,11 @@ int main(int argc, char **argv)
     if (argc == 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0))
         return puts("apc-fmu (libapc) " APC_VERSION) < 0;
     const int asked = argc == 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-?") == 0);
-    fputs(
-        "Usage: apc-fmu [OPTION...]\n"
-        "Runs an FMU in a process of its own. It is called by the programs that have one as their plant, and "
-        "by "
-        "nobody else; `apc plants ./FILE.fmu` shows what an FMU holds.\n\n"
-        "  -?, --help                 Give this help list\n"
-        "  -V, --version              Print program version\n",
-        asked ? stdout : stderr);
+    fputs("Usage: apc-fmu [OPTION...]\nRun an FMU in a separate process. Programs whose plant is an FMU "
+          "start it;\n"
+          "do not start it yourself. `apc plants ./FILE.fmu` shows the content of a file.\n\n"
+          "  -?, --help                 Give this help list\n  -V, --version              Print program "
+          "version\n",
+          asked ? stdout : stderr);
     return asked ? EXIT_SUCCESS : 2;
 }

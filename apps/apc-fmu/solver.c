@@ -123,7 +123,7 @@ static bool settle(struct solver *s)
         !status_well(m->get_states(m->self, N_VGetArrayPointer(s->x), s->nx), "GetContinuousStates"))
         return false;
     if (CVodeReInit(s->memory, s->t, s->x) != CV_SUCCESS) {
-        fprintf(stderr, "CVODE cannot begin anew at %g s\n", s->t);
+        fprintf(stderr, "CVODE cannot restart at %g s\n", s->t);
         return false;
     }
     return true;

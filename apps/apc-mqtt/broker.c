@@ -442,7 +442,7 @@ static int parse_broker_uri(struct broker *b, const char *uri, struct apc_error 
     if (!b->tls && strcmp(b->host, "127.0.0.1") != 0 && strcmp(b->host, "::1") != 0 &&
         strcmp(b->host, "localhost") != 0)
         return apc_fail(why, APC_EINVAL,
-                        "--broker \"%s\": unencrypted to this very host only; beyond it use mqtts://", uri);
+                        "--broker \"%s\": unencrypted to this host only; to others use mqtts://", uri);
     return 0;
 }
 

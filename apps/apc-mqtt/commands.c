@@ -115,12 +115,11 @@ static bool is_allowed(struct commands *c, const char *user, const char *signal)
     while (i < c->options->n_allow && strcmp(c->options->allow[i], signal) != 0)
         i++;
     if (i == c->options->n_allow) {
-        refuse_command(c, user, signal, NULL,
-                       "it is not one of those that may be commanded from here (--allow)");
+        refuse_command(c, user, signal, NULL, "it may not be commanded from the broker (see --allow)");
         return false;
     }
     if (users_load(&users, c->users, &why) < 0) {
-        refuse_command(c, user, signal, NULL, "who may operate is not known: %s", why.text);
+        refuse_command(c, user, signal, NULL, "the users who may operate are not known: %s", why.text);
         return false;
     }
     const struct user *const him = users_find(&users, user);
@@ -345,7 +344,7 @@ static void expire(struct commands *c)
             old[n++] = c->at[i];
     pthread_mutex_unlock(&c->worker.mutex);
     for (size_t i = 0; i < n; i++) {
-        refuse_command(c, old[i].request.author, old[i].signal, &old[i], "the store is away: %s",
+        refuse_command(c, old[i].request.author, old[i].signal, &old[i], "the store is offline: %s",
                        apc_store_error(c->live));
         drop_command(c, old[i].request.id);
     }

@@ -185,7 +185,8 @@ static int read_options(struct shell *s)
         return daemon_error(&s->d, APC_EINVAL, "no broker: give --broker URI or set APC_BROKER");
     if (!o->queue || strncmp(o->queue, "sqlite:", 7) != 0 || !o->queue[7])
         return daemon_error(&s->d, APC_EINVAL,
-                            "no queue: give --queue sqlite:FILE, where what the broker has not got is kept");
+                            "no queue: give --queue sqlite:FILE, which keeps the messages until the broker "
+                            "acknowledges them");
     const int n = o->topic ? snprintf(s->prefix, sizeof s->prefix, "%s", o->topic)
                            : snprintf(s->prefix, sizeof s->prefix, "apc/%s", s->d.experiment.name);
     if (n <= 0 || n >= BROKER_TOPIC - 140 || strpbrk(s->prefix, "+#") || s->prefix[n - 1] == '/')
@@ -193,7 +194,8 @@ static int read_options(struct shell *s)
                             "--topic \"%s\": must be 1 to %d characters without + and #, not ending with /",
                             s->prefix, BROKER_TOPIC - 141);
     if (o->n_allow > 0 && !users_path(o->users, path))
-        return daemon_error(&s->d, APC_EINVAL, "--allow: who may command? Give --users FILE");
+        return daemon_error(&s->d, APC_EINVAL,
+                            "--allow: there are no users who may command: give --users FILE");
     if (o->n_allow > 0)
         snprintf(s->users, sizeof s->users, "%s", path);
     return 0;
@@ -209,7 +211,7 @@ static int open_stores(struct shell *s)
     if (rc == 0 && s->options.n_allow > 0 && apc_store_is_history(s->live) > 0)
         return daemon_error(
             &s->d, APC_EPERM,
-            "--allow: %s is a history, and nobody takes commands from it; give the live store",
+            "--allow: %s is a history, from which no controller takes commands: give the live store",
             s->d.options.store ? s->d.options.store : "the store");
     if (rc == 0 && (rc = store_open(&s->queue, s->options.queue, &options, &why)) < 0)
         return daemon_error(&s->d, rc, "--queue: %s", why.text);

@@ -8,9 +8,9 @@
 #define MQTT_ALLOWED 64
 
 #define MQTT_DOC                                                                                             \
-    "Publish what the live store --store gets at an MQTT broker: values, modes, alarms, events. While the "  \
-    "broker is away a file keeps what is to come. Commands from there are taken for the signals of "         \
-    "--allow, of users who may operate, and answered with what became of them."
+    "Publish new values, modes, alarms and events of the live store --store at an MQTT broker. While the "   \
+    "broker is offline, a file keeps the messages. Commands from the broker are taken for the signals of "   \
+    "--allow, from users who may operate, and answered with the outcome."
 
 struct mqtt_options {
     const char *broker, *ca, *identity, *login, *password_file, *queue, *topic, *users;

@@ -52,18 +52,17 @@ static const struct option_spec own_options[] = {
     {"plant", 'p', "NAME", "Model instead of the file's: built in, or ./file.so; its own parameters apply",
      OPTION_OWN, AT(common), .take = take_model},
     {"listen", 'l', "URI",
-     "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:0.0.0.0:43051",
+     "Address to serve at, instead of the file's, e.g. tcp:127.0.0.1:43051, or tls:0.0.0.0:43051",
      OPTION_TEXT, AT(listen)},
     {"modbus", 0, "HOST:PORT",
-     "Serve Modbus TCP there, in the registers of the file's map; without a map in float32 from holding:0 "
-     "and "
-     "input:0 on",
+     "Serve Modbus TCP at HOST:PORT, in the registers of the file's map; without a map in float32 from "
+     "holding:0 and input:0 on",
      OPTION_OWN, .take = take_modbus},
-    {"identity", 0, "FILE", "Of tls: who this plant is, made by `apc cert plant` [APC_IDENTITY]", OPTION_TEXT,
-     AT(identity)},
+    {"identity", 0, "FILE", "Identity of this plant on tls:, made by `apc cert plant` [APC_IDENTITY]",
+     OPTION_TEXT, AT(identity)},
     {"client", 0, "NAME",
-     "Of tls: a client that may connect and command, by the name of its certificate; as often as there are "
-     "some. Nobody else may. Instead of the file's",
+     "A client that may connect and command on tls:, by the name in its certificate, instead of the file's; "
+     "may be repeated. All others are rejected",
      OPTION_OWN, .take = take_client},
     {"allow-plaintext", 0, NULL, "Serve beyond this host without encryption", OPTION_FLAG,
      AT(allow_plaintext)},

@@ -48,19 +48,20 @@ static const struct option_spec own_options[] = {
     {"listen", 'l', "ADDRESS:PORT", "Where to serve; default " DEFAULT_PLACE "; port 0: any", OPTION_TEXT,
      AT(ui.listen)},
     {"users", 0, "FILE",
-     "Who may log in, made by `apc user add` [APC_USERS]; default ~/.config/apc/users. Without this file, "
-     "and on loopback only, it is for the user who starts it, who is engineer",
+     "Users who may log in, made by `apc user add` [APC_USERS]; default ~/.config/apc/users. Without this "
+     "file the page is served on loopback only, to the user who starts it, as engineer",
      OPTION_TEXT, AT(ui.users)},
     {"name", 0, "HOST", "A name of this server, other than localhost and its addresses; may be repeated",
      OPTION_OWN, .take = take_server_name},
     {"tls-cert", 0, "FILE", "Serve HTTPS with this certificate (PEM)", OPTION_TEXT, AT(ui.tls_cert)},
     {"tls-key", 0, "FILE", "Its private key (PEM)", OPTION_TEXT, AT(ui.tls_key)},
-    {"allow-plaintext", 0, NULL, "Serve other hosts without TLS: when something in front does it",
+    {"allow-plaintext", 0, NULL, "Serve other hosts without TLS, for instance behind a proxy with TLS",
      OPTION_FLAG, AT(ui.allow_plaintext)},
     {"session", 0, "SECONDS", "How long a login lasts without use; default 3600, at most 12 h", OPTION_NUMBER,
      AT(ui.session), .low = 1, .high = 43200, .must = "be seconds, from 1 to 43200"},
     {"idle", 0, "SECONDS",
-     "After how long without a key or a press the page logs out who may write; default 1800, 0: never",
+     "Time without a key or a press after which the page logs out a user who may write; default 1800, 0: "
+     "never",
      OPTION_NUMBER, AT(ui.idle), .high = 43200, .must = "be seconds, from 0 to 43200"},
     {"page", 0, "DIR", "Folder of the built page; default ../share/apc/ui beside this program", OPTION_TEXT,
      AT(ui.page)},
@@ -68,13 +69,12 @@ static const struct option_spec own_options[] = {
      "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one",
      OPTION_TEXT, AT(ui.graphic)},
     {"displays", 0, "DIR",
-     "The folder of the displays that are drawn on the page; default the experiment file's name with "
-     ".displays",
+     "Folder of the displays that are drawn on the page; default: the experiment file's name with .displays",
      OPTION_TEXT, AT(ui.displays)},
     {"plants", 0, "FILE",
-     "Where the pages of the database's plants are: lines of a plant's schema and an address", OPTION_TEXT,
-     AT(ui.plants)},
-    {"spool", 0, "DIR", "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]",
+     "Addresses of the pages of the database's plants: in each line a plant's schema and an address",
+     OPTION_TEXT, AT(ui.plants)},
+    {"spool", 0, "DIR", "Folder of the daemons' spools, to show the rows that wait in them [APC_SPOOL]",
      OPTION_TEXT, AT(ui.spool)},
     {"start", 0, "TIME", "Time of t = 0 of the run, RFC 3339", OPTION_TEXT, AT(start)},
     {"log-level", 0, "LEVEL", "error, warn, info (default) or debug [APC_LOG_LEVEL]", OPTION_TEXT,
@@ -205,7 +205,7 @@ static int make_parts(struct ui *ui, struct apc_error *why)
     if (rc == 0)
         rc = sessions_init(&ui->sessions, (apc_ns)(idle * 1e9), LIFE);
     if (rc == 0 && kept) {
-        apc_log_write(ui->log, APC_LOG_INFO, "begins anew: its simulated plant went back");
+        apc_log_write(ui->log, APC_LOG_INFO, "restarts: its simulated plant was rewound");
         sessions_resume(&ui->sessions, (int)strtol(kept, NULL, 10));
     }
     unsetenv(SESSIONS_KEPT);
@@ -304,7 +304,7 @@ static int restart_page_server(struct ui *ui, char **argv, struct apc_error *why
         setenv("LISTEN_FDS", "1", 1) == 0 && dup2(listener, SD_LISTEN_FDS_START) >= 0 &&
         fcntl(SD_LISTEN_FDS_START, F_SETFD, 0) == 0)
         execv("/proc/self/exe", argv);
-    return apc_fail(why, APC_ESYS, "it cannot begin anew: %s", strerror(errno));
+    return apc_fail(why, APC_ESYS, "it cannot restart: %s", strerror(errno));
 }
 
 static int run_ui(struct ui *ui, sigset_t *signals, char **argv, struct apc_error *why)

@@ -17,28 +17,28 @@ static const struct {
     {"run", command_run, "run an experiment in real time and leave a report", "Run"},
     {"drain", command_drain, "store the rows that daemons or a killed run left in a folder", NULL},
     {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds", "Simulate"},
-    {"check", command_check, "run scenarios in virtual time and judge what is expected of them", NULL},
-    {"replay", command_replay, "repeat the controllers of a recorded run, and compare their outputs", NULL},
+    {"check", command_check, "run scenarios in virtual time and check their expectations", NULL},
+    {"replay", command_replay, "recalculate the outputs of a recorded run, and compare them", NULL},
     {"status", command_status, "show modes, values with their age, timing, events", "Operate"},
     {"get", command_get, "newest values", NULL},
     {"set", command_set, "write a setpoint, or an output in mode Man", NULL},
     {"undo", command_undo, "take back your last write, within a minute", NULL},
-    {"approve", command_approve, "list and approve what waits for a second person", NULL},
+    {"approve", command_approve, "list and approve writes that wait for a second person", NULL},
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS",
      NULL},
     {"speed", command_speed, "how fast `apc run --speed` simulates", NULL},
     {"fault", command_fault, "start and stop faults of the plant of `apc run --speed`", NULL},
-    {"remote", command_remote, "give a setpoint back to the controller above that moves it", NULL},
+    {"remote", command_remote, "let the controller above or the scheduler move a setpoint again", NULL},
     {"promote", command_promote, "make a shadow controller the active one", NULL},
     {"watch", command_watch, "follow values as they change", NULL},
     {"alarm", command_alarm, "list, acknowledge and shelve alarms; their journal", NULL},
-    {"log", command_log, "enter something in the log book, or sign a handover", NULL},
+    {"log", command_log, "enter a line in the log book, or sign a shift handover", NULL},
     {"history", command_history, "past values of a variable, or events", "Look back"},
     {"why", command_why, "which inputs moved an output, and by how much", NULL},
     {"timing", command_timing, "lateness, jitter, run time and missed ticks of the tasks", NULL},
     {"report", command_report, "figures and KPIs of a run or a store; draws the report", NULL},
-    {"monitor", command_monitor, "which loops need somebody: sensor, valve, tuning, disturbance", NULL},
-    {"test", command_test, "move a plant, simulated or live, so that it can be identified", "Identify"},
+    {"monitor", command_monitor, "find loops that need attention: sensor, valve, tuning, disturbance", NULL},
+    {"test", command_test, "excite a plant, simulated or live, so that it can be identified", "Identify"},
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants",
      NULL},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains",
@@ -52,7 +52,7 @@ static const struct {
     {"init", command_init, "make or update the tables, and describe an experiment in them", NULL},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store", NULL},
     {"restore", command_restore, "put a backup back into a record that is a file", NULL},
-    {"maintain", command_maintain, "prepare room for new samples; drop or pack old ones", NULL},
+    {"maintain", command_maintain, "make partitions for new samples; drop or pack old ones", NULL},
     {"user", command_user, "list, add and remove users of the operator's page", NULL},
     {"cert", command_cert, "make the certificates of a plant and its clients, for tls:", NULL},
 };
@@ -67,8 +67,8 @@ static void usage(FILE *out)
             fprintf(out, "%s%s:\n", i > 0 ? "\n" : "", commands[i].group);
         fprintf(out, "  %-9s %s\n", commands[i].name, commands[i].doc);
     }
-    fputs("\n`apc COMMAND --help` tells more. The shared data are those of --store URI, of\n"
-          "APC_STORE, or of the PostgreSQL of libpq's environment (PGHOST, PGSERVICE, ...).\n"
+    fputs("\n`apc COMMAND --help` shows more. --store URI names the shared data; without it\n"
+          "APC_STORE does, or libpq's environment (PGHOST, PGSERVICE, ...).\n"
           "\nExit codes, also of the daemons:\n"
           "  0  success\n"
           "  1  failure, for a reason not listed below\n"

@@ -45,7 +45,7 @@ static void refresh(struct credentials *c)
     const apc_ns expiry = apc_identity_expiry(c->identity);
 
     if (rc > 0)
-        daemon_event(c->d, APC_EVENT_INFO, "certificate", "a new certificate is taken up, good %s%s",
+        daemon_event(c->d, APC_EVENT_INFO, "certificate", "a new certificate is in use, valid %s%s",
                      expiry < INT64_MAX ? "until " : "without an end",
                      expiry < INT64_MAX ? apc_time_format(expiry, time) : "");
     else if (rc < 0 && !c->broken)
@@ -87,11 +87,10 @@ int credentials_open(struct credentials *c, struct daemon *d, const char *addres
     if (!file || !*file)
         file = getenv("APC_IDENTITY");
     if (!file || !*file)
-        return daemon_error(
-            d, APC_EINVAL,
-            "link \"%s\": who this program is must be said: --identity FILE, APC_IDENTITY, or "
-            "\"identity\" in the experiment file; `apc cert` makes one",
-            address);
+        return daemon_error(d, APC_EINVAL,
+                            "link \"%s\": the identity of this program is missing: give --identity FILE, "
+                            "APC_IDENTITY, or \"identity\" in the experiment file; `apc cert` makes one",
+                            address);
     int rc = apc_identity_load(&identity, file, &why);
     if (rc < 0)
         return daemon_error(d, rc, "%s", why.text);

@@ -35,18 +35,18 @@ static const struct option_spec common_options[] = {
     {"config", 'c', "FILE", "Experiment file [APC_CONFIG]", OPTION_TEXT, AT(config)},
     {"store", 's', "URI", STORE_HELP "; default postgresql:", OPTION_TEXT, AT(store)},
     {"spool", 0, "DIR",
-     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: in memory",
-     OPTION_TEXT, AT(spool)},
+     "Folder for the rows that wait while the store is offline [APC_SPOOL]; default: in memory", OPTION_TEXT,
+     AT(spool)},
     {"timer", 't', "NAME", "Executive: deadline (default) or posix", OPTION_TEXT, AT(timer)},
     {"spin", 0, NULL, "Spin for the last microseconds before a tick (deadline only)", OPTION_FLAG, AT(spin)},
     {"hold-latency", 0, NULL, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", OPTION_FLAG,
      AT(hold_latency)},
     {"start", 0, "TIME",
-     "Time of t = 0, RFC 3339; -: from standard input, asked for by an empty line; default: the wall clock's "
-     "grid",
+     "Time of t = 0, RFC 3339; -: print an empty line and read it from standard input; default: the wall "
+     "clock's grid",
      OPTION_TEXT, AT(start)},
     {"after", 0, "INDEX",
-     "The last tick that a predecessor ran, -1: none: those since then are counted as missed", OPTION_TEXT,
+     "Index of the last tick of a predecessor, or -1 for none; ticks since then count as missed", OPTION_TEXT,
      AT(after)},
     {"log-level", 0, "LEVEL", "error, warn, info (default) or debug [APC_LOG_LEVEL]", OPTION_TEXT,
      AT(log_level)},
@@ -375,7 +375,7 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     if (now->instead[0] && !w->instead)
         daemon_event(
             d, APC_EVENT_WARNING, "store",
-            "what is kept of %s while the store is away is in memory, and ends with the process: %.150s",
+            "what is kept of %s while the store is offline is in memory, and ends with the process: %.150s",
             what, now->instead);
     if (waiting && !w->waiting)
         daemon_event(d, APC_EVENT_WARNING, "store", "%s go to the spool: %.140s", what,
@@ -405,7 +405,7 @@ void daemon_spool(struct daemon *d, const struct apc_store *store)
 int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc)
 {
     if (rc == APC_ECONFLICT)
-        daemon_event(d, APC_EVENT_ALARM, "store", "stopping: somebody else writes the same variables");
+        daemon_event(d, APC_EVENT_ALARM, "store", "stopping: another process writes the same variables");
     else if (rc == APC_EBUSY || rc == APC_ESCHEMA)
         daemon_event(d, APC_EVENT_ALARM, "store", "stopping: %s", apc_store_error(store));
     else

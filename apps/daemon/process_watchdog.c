@@ -86,7 +86,7 @@ static struct timespec feed(struct process_watchdog *w)
 
 static void *run_watchdog(void *arg)
 {
-    static const char text[] = "something would not end within 2 s of being told to: given up\n";
+    static const char text[] = "a thread did not end within 2 s: given up\n";
     struct process_watchdog *w = arg;
     struct timespec look = {0};
     sigset_t signals;

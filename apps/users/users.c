@@ -139,7 +139,7 @@ static int check_file(struct users *users, FILE *file, const char *path, struct 
     if (st.st_mode & 077)
         return apc_fail(why, APC_EPERM, "%s: others may read or write it: chmod 600 it", path);
     if (st.st_uid != geteuid() && st.st_uid != 0)
-        return apc_fail(why, APC_EPERM, "%s: belongs to somebody else", path);
+        return apc_fail(why, APC_EPERM, "%s: belongs to another user", path);
     users->changed = st.st_mtim;
     return 0;
 }

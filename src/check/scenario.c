@@ -475,9 +475,9 @@ static void read_expectations(struct scenario_reading *r, const config_setting_t
     struct apc_error why;
     const int n = list ? config_setting_length(list) : 0;
     if (n == 0)
-        settings_fail(&r->s, list ? list : root,
-                      "\"expect\" is missing: what is to become of the run, as "
-                      "expect = ( \"never y < 20\" );");
+        settings_fail(
+            &r->s, list ? list : root,
+            "\"expect\" is missing: the expectations of the run, as expect = ( \"never y < 20\" );");
     of->expect = calloc((size_t)n + r->n_when + 1, sizeof *of->expect);
     of->trigger = calloc(r->n_when + 1, sizeof *of->trigger);
     if (!of->expect || !of->trigger)

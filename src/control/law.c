@@ -9,11 +9,10 @@
 int apc_law_check(const struct apc_law *law, const char *from, struct apc_error *why)
 {
     if (law->abi != APC_LAW_ABI)
-        return apc_fail(
-            why, APC_EINVAL,
-            "%s: compiled for version %u of struct apc_law, this is version %u: compile it anew with "
-            "this library's <apccontrol.h> (since version 3 its compute returns an int)",
-            from, law->abi, APC_LAW_ABI);
+        return apc_fail(why, APC_EINVAL,
+                        "%s: compiled for version %u of struct apc_law, this is version %u: compile it again "
+                        "with this library's <apccontrol.h> (since version 3 its compute returns an int)",
+                        from, law->abi, APC_LAW_ABI);
     if (!law->name || !law->name[0])
         return apc_fail(why, APC_EINVAL, "%s: its apc_law has no name", from);
     if (!law->compute)

@@ -195,8 +195,8 @@ static int derive(struct around *a, double *at, struct apc_error *why)
         rc = difference_quotient(a, at, step[i], why);
     if (rc == 1)
         return apc_fail(why, APC_ESOLVER,
-                        "law %s is not linear at this point: one of its limits, or a choice it makes; take "
-                        "a point further from it",
+                        "law %s is not linear at this point, because of a limit or a switch: take a point "
+                        "further from it",
                         a->law->name);
     return rc;
 }

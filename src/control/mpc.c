@@ -343,7 +343,7 @@ static size_t missing(const struct apc_law_mpc *p)
 static const char *reason_of_no_plan(const struct apc_law_mpc *p)
 {
     return p->result.rc == APC_ERANGE || (p->result.rc == APC_ESOLVER && !p->nonlinear)
-               ? "what is estimated is too far away to be calculated with"
+               ? "the estimate is too far away to be calculated with"
            : p->shoot && *apc_shooting_error(p->shoot) ? apc_shooting_error(p->shoot)
                                                        : apc_err_text(p->result.rc);
 }
@@ -351,7 +351,7 @@ static const char *reason_of_no_plan(const struct apc_law_mpc *p)
 static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     if (p->result.rc == APC_ETIMEDOUT) {
-        snprintf(c->why, APC_LAW_WHY, "no plan in time, after %u changes: the former one goes on",
+        snprintf(c->why, APC_LAW_WHY, "no plan in time, after %u changes: the former one continues",
                  p->result.iterations);
         return APC_LAW_LATE;
     }

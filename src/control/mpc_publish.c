@@ -40,7 +40,7 @@ static const struct apc_signal_view *view_of_signal(const struct apc_signal_view
 /* Called by where it comes in. */
 static void declare_disturbance(struct apc_law_mpc *p, size_t k, const struct apc_law_setup *setup, size_t i)
 {
-    static const char what[] = "disturbance that nobody measures, as it is estimated";
+    static const char what[] = "unmeasured disturbance, as it is estimated";
     const struct apc_linear_unknown *u = &p->unknown[i];
 
     if (u->where == APC_AT_OUTPUT) {

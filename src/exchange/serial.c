@@ -177,8 +177,9 @@ static int read_number(const char *line, double *number)
 static int request_number(struct serial *s, const char *request, double *number)
 {
     char line[LINE];
-    int rc = s->have ? apc_fail(&s->x.error, APC_EPROTO, "%s: the board said more than it was asked", s->path)
-                     : send_serial_line(s, request);
+    int rc = s->have
+                 ? apc_fail(&s->x.error, APC_EPROTO, "%s: the board sent more than it was asked for", s->path)
+                 : send_serial_line(s, request);
 
     if (rc == 0)
         rc = read_serial_line(s, line);

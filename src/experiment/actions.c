@@ -179,7 +179,7 @@ int action_find_owner(const struct experiment *e, const char *name, bool remote,
     action->to = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(tag->id), .value = remote};
     return is_scheduled(e, tag)
                ? 0
-               : apc_fail(why, APC_EINVAL, "nobody else moves %s: it is always Local", tag->name);
+               : apc_fail(why, APC_EINVAL, "nothing else moves %s: it is always Local", tag->name);
 }
 
 /* ---- Doing --------------------------------------------------------------------------------- */
@@ -316,7 +316,7 @@ static const config_setting_t *kind_of_action(struct settings *s, const config_s
         kind = member;
     }
     if (!kind)
-        settings_fail(s, group, "what is to be done is missing in an action: " POSSIBLE " are possible");
+        settings_fail(s, group, "an action has no verb: " POSSIBLE " are possible");
     return s->failed ? NULL : kind;
 }
 

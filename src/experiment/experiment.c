@@ -149,7 +149,7 @@ static void read_model_text(struct settings *s, const config_setting_t *member, 
                       nearest->name ? ": did you mean \"" : "; it has none at all",
                       nearest->name ? nearest->name : "", nearest->name ? "\"?" : "");
     else if (rc < 0)
-        settings_fail(s, member, "%s has no parameter \"%s\"; `apc %s %s` shows what it has", owner->name,
+        settings_fail(s, member, "%s has no parameter \"%s\"; `apc %s %s` shows its parameters", owner->name,
                       name, owner->model ? "plants" : "laws", owner->name);
 }
 

@@ -295,8 +295,8 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
         while (j < law->n_tuning && strcmp(law->tuning[j].name, config_setting_name(member)) != 0)
             j++;
         if (j == law->n_tuning) {
-            settings_fail(s, member, "%s has no parameter \"%s\"; `apc laws %s` shows what it has", law->name,
-                          config_setting_name(member), law->name);
+            settings_fail(s, member, "%s has no parameter \"%s\"; `apc laws %s` shows its parameters",
+                          law->name, config_setting_name(member), law->name);
             return;
         }
         struct apc_param *param = &c->param[j];

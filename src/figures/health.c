@@ -273,17 +273,17 @@ int health_judge(struct health *h, const struct health_series *s)
 static const struct {
     const char *name, *words;
 } verdicts[] = {
-    [HEALTH_SENSOR] = {"sensor", "the measurement is not to be trusted: look after the sensor first"},
-    [HEALTH_VALVE] = {"valve", "the valve sticks or has backlash: look after it before you tune"},
-    [HEALTH_TIGHT] = {"tight", "the loop swings by itself: less gain, or a longer integral time"},
+    [HEALTH_SENSOR] = {"sensor", "the measurement is not reliable: repair the sensor first"},
+    [HEALTH_VALVE] = {"valve", "the valve sticks or has backlash: repair it before you tune"},
+    [HEALTH_TIGHT] = {"tight", "the loop oscillates by itself: less gain, or a longer integral time"},
     [HEALTH_PERIODIC] = {"periodic",
-                         "something outside swings and never dies down: look for loops of this period"},
-    [HEALTH_SWINGS] = {"swings", "it swings; the record is too short to say by what"},
+                         "an oscillation from outside never dies down: look for loops of this period"},
+    [HEALTH_SWINGS] = {"oscillates", "it oscillates; the record is too short to find the cause"},
     [HEALTH_LIMITED] = {"limited", "the output is at a limit too often to be judged"},
     [HEALTH_SLOW] = {"slow",
-                     "deviations last: more gain, or a slow disturbance that feed-forward could take"},
+                     "deviations last: more gain, or a slow disturbance that feedforward could reject"},
     [HEALTH_UNKNOWN] = {"unknown", "fewer than 500 ticks in service at one setpoint, or nothing moves"},
-    [HEALTH_GOOD] = {"good", "nothing to mend shows in the record"},
+    [HEALTH_GOOD] = {"good", "the record shows nothing to repair"},
 };
 
 const char *health_name(enum health_verdict verdict)

@@ -220,8 +220,8 @@ static int check_movement(const struct apc_record *r, struct apc_error *why)
     for (size_t j = 0; j < r->nu + r->nd; j++) {
         if (!moves_in_a_run(r, r->u + j, r->nu + r->nd, &low))
             return apc_fail(why, APC_EINVAL,
-                            "input %zu is %g all the time: nothing can be told of what it does. Move it in a "
-                            "test, or leave it out",
+                            "input %zu is %g all the time: its effect cannot be found. Move it in a test, or "
+                            "leave it out",
                             j + 1, low);
     }
     for (size_t i = 0; i < r->ny; i++) {
@@ -279,8 +279,8 @@ static int check_alike(const struct apc_record *r, struct apc_error *why)
             like = fabs(R[i * inputs + j]) > fabs(R[like * inputs + j]) ? i : like;
         if (R[j * inputs + j] < ALIKE * sqrt(all))
             rc = apc_fail(why, APC_EINVAL,
-                          "input %zu moves as input %zu%s does, but for %.2g %%: which of them does what "
-                          "cannot be told. Move them at different times",
+                          "input %zu moves as input %zu%s does, but for %.2g %%: their effects cannot be "
+                          "separated. Move them at different times",
                           j + 1, like + 1, j > 1 ? ", or several together," : "",
                           100.0 * R[j * inputs + j] / sqrt(all));
     }
@@ -414,11 +414,11 @@ static int check_feedback(const struct apc_record *r, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "record: no memory");
     for (size_t j = 0; j < r->nu && rc == 0 && r->n > 2 * feedback_width(r); j++) {
         if (is_feedback(r, j, Q))
-            rc = apc_fail(why, APC_EINVAL,
-                          "input %zu does nothing but what a controller makes of the measurements: then the "
-                          "plant cannot be told from the controller. Record steps of the setpoint, or of the "
-                          "output in Man",
-                          j + 1);
+            rc = apc_fail(
+                why, APC_EINVAL,
+                "input %zu only follows from the measurements through a controller: the plant cannot be "
+                "distinguished from the controller. Record steps of the setpoint, or of the output in Man",
+                j + 1);
     }
     free(Q);
     return rc;

@@ -124,9 +124,8 @@ static int check_found(struct search *s, const struct apc_transfer *g, const str
         return apc_fail(why, rc, "apc_identify_transfer: no memory");
     if (found < s->trial.score)
         return apc_fail(why, APC_ESOLVER,
-                        "output %zu follows the inputs, but no gain can be told: none is above three times "
-                        "its standard error. Record for longer, and hold the inputs until the output comes "
-                        "to rest",
+                        "output %zu follows the inputs, but no gain can be found: none is above three times "
+                        "its standard error. Record for longer, and hold the inputs until the output settles",
                         s->output + 1);
     return apc_fail(why, APC_ESOLVER,
                     "output %zu does not follow the inputs: no gain is above three times its standard error. "

@@ -83,7 +83,7 @@ int apc_tune_pid(const struct apc_transfer *g, enum apc_tune_rule rule, bool der
         return apc_fail(why, APC_EINVAL, "tune: the plant has no lag: an integrator alone controls it");
     if (g->integrating && rule == APC_TUNE_LAMBDA)
         return apc_fail(why, APC_EINVAL,
-                        "tune: lambda tuning has no answer for a plant that integrates: take SIMC");
+                        "tune: there is no lambda tuning for an integrating plant: use SIMC");
     Kp = (g->integrating ? 1.0 : r.tau1) / (r.gain * speed);
     tau_i = rule == APC_TUNE_LAMBDA ? r.tau1 : g->integrating ? 4.0 * speed : fmin(r.tau1, 4.0 * speed);
     /* SIMC is of the series form (1 + 1/(tau_i s)) (1 + tau_d s). */

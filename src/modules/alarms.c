@@ -330,7 +330,7 @@ static const char *refuse_ack(const struct watched *w, double seen)
     if (!wants_somebody(w->state))
         return "there is nothing to acknowledge any more";
     if (seen < (double)w->since)
-        return "it refers to what was there before: look again";
+        return "it refers to an earlier state: look again";
     return NULL;
 }
 

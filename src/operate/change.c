@@ -27,7 +27,7 @@ int change_in_past(struct apc_store *store, struct change_fault *why)
     struct apc_store_clock clock = {.size = sizeof clock};
     return apc_store_clock(store, &clock) > 0 && (clock.reached < 0 || clock.rewind > 0)
                ? change_fail(why, APC_ESTATE, "simulation",
-                             "the simulated plant goes back: do this again once it stands there")
+                             "the simulated plant is being rewound: do this again when that is done")
                : 0;
 }
 
@@ -256,7 +256,7 @@ int change_mode(const char *text, double *mode, struct change_fault *why)
             return 0;
         }
     return change_fail(why, APC_EINVAL, "value",
-                       "nobody can ask for mode \"%.30s\": it must be Man, Auto, Cas or OOS", text);
+                       "mode \"%.30s\" cannot be requested: it must be Man, Auto, Cas or OOS", text);
 }
 
 int change_reason(const char *reason, struct change_fault *why)

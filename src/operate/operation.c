@@ -182,7 +182,7 @@ static int finish_open(const struct change *c, apc_ns utc, struct change_fault *
     if (!c->by)
         return change_fail(said, APC_ETIMEDOUT, "nobody", "written, but it belongs to no controller");
     if (c->outcome == OUTCOME_NOBODY)
-        return change_fail(said, APC_ETIMEDOUT, "nobody", "written, but nobody applies it: %s",
+        return change_fail(said, APC_ETIMEDOUT, "nobody", "written, but no controller applies it: %s",
                            absence_of_taker(c, utc, text));
     if (looked && c->to.table == APC_OPMODE)
         return change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but %s is in %s", c->to.name,
@@ -212,7 +212,7 @@ int change_finish(const struct change *c, apc_ns utc, struct change_fault *said)
 int change_nobody(const struct change *c, apc_ns utc, struct change_fault *why)
 {
     char text[ABSENCE_LEN];
-    return c->by ? change_fail(why, APC_EPERM, "nobody", "nobody applies it: %s. Nothing was written",
+    return c->by ? change_fail(why, APC_EPERM, "nobody", "no controller applies it: %s. Nothing was written",
                                absence_of_taker(c, utc, text))
                  : change_fail(why, APC_EPERM, "nobody",
                                "nobody applies it: %s belongs to no controller. Nothing was written",
@@ -561,7 +561,7 @@ int operation_record(const struct operation *o, struct apc_store *store, const c
 
 int change_approved(struct change_fault *why)
 {
-    return change_fail(why, APC_ECONFLICT, "second", "somebody else has approved or refused it just now");
+    return change_fail(why, APC_ECONFLICT, "second", "another user has approved or refused it just now");
 }
 
 static int fail_stale(const struct operation *o, struct change_fault *why)
@@ -585,7 +585,7 @@ int operation_begin(struct operation *o, struct apc_store *store, struct change_
         rc = change_step(&o->change[i], why);
     char asked[APC_AUTHOR_LEN + 16] = "";
     if (o->approval)
-        snprintf(asked, sizeof asked, " (asked by %s)", o->approval->asker);
+        snprintf(asked, sizeof asked, " (requested by %s)", o->approval->asker);
     if (rc == 0)
         rc = operation_fits(o, asked, why);
     if (rc < 0)

@@ -84,24 +84,24 @@ bool promotion_is_done(const struct promotion *p)
 
 int promotion_silent(const struct promotion *p, struct change_fault *why)
 {
-    return change_fail(why, APC_EPERM, "nobody", "%s does not tick: nobody would act. Nothing was written",
-                       p->to->name);
+    return change_fail(why, APC_EPERM, "nobody",
+                       "%s does not tick: no controller would act. Nothing was written", p->to->name);
 }
 
 int promotion_stale(const struct promotion *p, struct change_fault *why)
 {
-    return change_fail(
-        why, APC_EPERM, "stale",
-        "%s runs with another law, other settings or another model than the plant is described "
-        "with: start it anew. Nothing was written",
-        p->to->name);
+    return change_fail(why, APC_EPERM, "stale",
+                       "%s runs with another law, other settings or another model than the plant is "
+                       "described with: restart it. Nothing was written",
+                       p->to->name);
 }
 
 int promotion_in_service(const struct promotion *p, struct change_fault *why)
 {
     return p->target.seq == 0 || p->target.value == (double)APC_MODE_OOS
                ? change_fail(why, APC_EPERM, "mode",
-                             "%s is out of service: nobody would act. Nothing was written", p->to->name)
+                             "%s is out of service: no controller would act. Nothing was written",
+                             p->to->name)
                : 0;
 }
 
@@ -124,7 +124,8 @@ int promotion_put(struct promotion *p, struct apc_store *store, const char *auth
     p->choice.status = APC_GOOD;
     rc = rc < 0 ? rc : apc_store_put(store, &p->choice, 1);
     if (rc == APC_ECONFLICT)
-        return change_fail(why, rc, "stale", "somebody else has promoted just now. Nothing was written");
+        return change_fail(why, rc, "stale",
+                           "another user has promoted a controller just now. Nothing was written");
     if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
         return change_fail(why, rc, "unknown",
                            "the store did not answer, so whether it was written is not known: %s",

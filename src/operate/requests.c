@@ -188,7 +188,7 @@ static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
     const apc_ns ahead = ours < q->age ? -ours : -q->age;
     if (age > most)
         return note_outcome(
-            l, "refused: too late, it was asked for %.1f s ago by %s clock, and %.0f s are allowed",
+            l, "refused: too late, it was requested %.1f s ago by %s clock, and %.0f s are allowed",
             apc_ns_to_s(age), ours > q->age ? "the loop's" : "the database's", apc_ns_to_s(most));
     if (q->left <= 0)
         return note_outcome(l, "refused: too late, it was to be done until %.1f s ago",

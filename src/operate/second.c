@@ -90,8 +90,8 @@ static int fail_asked(const struct waiting *a, apc_ns utc, struct change_fault *
     struct apc_sample to = a->row;
     to.id = a->to.id;
     return change_fail(why, APC_EPERM, "second",
-                       "%.60s waits for a second person: %s has asked for %s, %.20s ago", a->to.name,
-                       a->asker, change_text(&to, value), change_age(utc - a->row.time, age));
+                       "%.60s waits for a second person: %s requested %s, %.20s ago", a->to.name, a->asker,
+                       change_text(&to, value), change_age(utc - a->row.time, age));
 }
 
 /* Does anything of it wait already? */
@@ -145,7 +145,7 @@ int operation_ask(struct operation *o, struct apc_store *store, uint32_t author,
         return rc;
     if (author == 0)
         return change_fail(why, APC_EPERM, "second",
-                           "%.60s takes two persons, and who asks for it is not known: log in first",
+                           "%.60s needs two persons, and the first one is not known: log in first",
                            first->to.name);
     snprintf(waits, sizeof waits, " waits %g s for a second person", first->to.second);
     rc = operation_fits(o, waits, why);
@@ -154,7 +154,7 @@ int operation_ask(struct operation *o, struct apc_store *store, uint32_t author,
     rc = put_asked(o, store, author);
     if (rc == APC_ECONFLICT)
         return change_fail(why, APC_EPERM, "second",
-                           "%.60s waits for a second person: somebody else has asked for it just now",
+                           "%.60s waits for a second person: another user has requested it just now",
                            first->to.name);
     if (rc < 0)
         return change_fail(why, rc, "store", "%s",
@@ -253,15 +253,16 @@ int operation_approve(struct operation *o, struct apc_store *store, apc_ns only,
                          other->to.id);
     else if (apc_clock_utc(NULL) > first->until)
         rc = change_fail(why, APC_EPERM, "second",
-                         "what %s has asked for had to be approved within %g s: ask for %.60s again",
+                         "the request of %s had to be approved within %g s: request %.60s again",
                          first->asker, apc_ns_to_s(first->until - first->row.time), first->to.name);
     else if (!refuses && !first->asker[0])
-        rc = change_fail(why, APC_EPERM, "second",
-                         "who has asked for %.60s is not known, so nobody approves it: ask for it again",
-                         first->to.name);
+        rc = change_fail(
+            why, APC_EPERM, "second",
+            "the person who requested %.60s is not known, so it cannot be approved: request it again",
+            first->to.name);
     else if (!refuses && !strcmp(first->asker, o->author))
         rc = change_fail(why, APC_EPERM, "second",
-                         "%s has asked for it, so somebody else has to approve it: %.60s waits", o->author,
+                         "%s requested it, so another person must approve it: %.60s waits", o->author,
                          first->to.name);
     else
         rc = take_asked(o, store, asked, n, first, refuses, approval, why);
@@ -272,7 +273,7 @@ int operation_approve(struct operation *o, struct apc_store *store, apc_ns only,
 int operation_refuse(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
     char also[APC_AUTHOR_LEN + 32];
-    snprintf(also, sizeof also, " refused (asked by %s)", o->approval->asker);
+    snprintf(also, sizeof also, " refused (requested by %s)", o->approval->asker);
     int rc = operation_fits(o, also, why);
     if (rc < 0)
         return rc;

@@ -39,7 +39,7 @@ int apc_model_check(const struct apc_model *model, const char *from, struct apc_
 {
     if (model->abi < 2 || model->abi > APC_MODEL_ABI)
         return apc_fail(why, APC_EINVAL,
-                        "%s: made for version %u of struct apc_model, this is %u; compile it anew", from,
+                        "%s: made for version %u of struct apc_model, this is %u: compile it again", from,
                         model->abi, APC_MODEL_ABI);
     if (!model->name || !model->name[0])
         return apc_fail(why, APC_EINVAL, "%s: its apc_model has no name", from);

@@ -97,10 +97,10 @@ int apc_store_enter_change(struct apc_store *store, const void *array, size_t n)
 {
     char time[APC_TIME_LEN];
     const int err = apc_store_enter(store, array, n);
-    return err || store->instant == 0 ? err
-                                      : apc_fail(&store->why, APC_EPERM,
-                                                 "this is the plant as of %s, and nobody can change the past",
-                                                 apc_time_format(store->instant, time));
+    return err || store->instant == 0
+               ? err
+               : apc_fail(&store->why, APC_EPERM, "this is the plant as of %s: the past cannot be changed",
+                          apc_time_format(store->instant, time));
 }
 
 int apc_store_check_variable(struct apc_store *store, enum apc_table table, int id)

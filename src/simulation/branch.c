@@ -352,7 +352,7 @@ static void on_branch(void *ctx)
     s->playback = NULL;
     s->e = b->is;
     if (playback && (b->rc = playback_end(playback, s->store)) < 0)
-        apc_fail(b->why, b->rc, "what the run left cannot be gone on from: %s", apc_err_text(b->rc));
+        apc_fail(b->why, b->rc, "the run cannot be continued from its record: %s", apc_err_text(b->rc));
     if (b->rc == 0 && simulation_schedule_actions(s, now) < 0)
         b->rc = apc_fail(b->why, APC_ENOMEM, "out of memory");
     if (b->rc == 0)

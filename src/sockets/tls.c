@@ -336,7 +336,7 @@ static const char *unlike(SSL_CTX *before, SSL_CTX *now)
     if (use_of(was) & ~use_of(is))
         return use_of(was) & XKU_SSL_SERVER ? "it is none of a plant" : "it is none of a client";
     if (!same_name(was, is))
-        return "it bears another name";
+        return "it has another name";
     if (!same_hosts(was, is))
         return "it is not of all hosts that it was of";
     if (!believes(before, is) || !believes(now, was))

@@ -294,13 +294,13 @@ test("what takes two persons is asked for, and approved or refused by another on
   await settle();
   await env.pass(1);
   await settle();
-  assert.match(said(bar), /^otto has asked for r1 → 7 over 60 s, u1 → Man: it waits .* for a second person 2033-05-18T03:33:00.000000Z Approve Refuse anna has asked for r1 → 9: .* Withdraw$/);
+  assert.match(said(bar), /^otto has requested r1 → 7 over 60 s, u1 → Man: it waits .* for a second person 2033-05-18T03:33:00.000000Z Approve Refuse anna has requested r1 → 9: .* Withdraw$/);
   await click(button("Approve", bar));
   const asked = env.take("/api/approve");
   assert.equal(asked.body?.time, START - 20);
-  asked.answer({error: {code: "second", message: "somebody else has approved or refused it just now"}}, 409);
+  asked.answer({error: {code: "second", message: "another user has approved or refused it just now"}}, 409);
   await settle();
-  assert.match(said(bar), /failed – somebody else has approved or refused it just now Dismiss$/);
+  assert.match(said(bar), /failed – another user has approved or refused it just now Dismiss$/);
   await click(button("Withdraw", bar));
   const refusal = env.take("/api/refuse");
   assert.equal(refusal.body?.time, START - 10);

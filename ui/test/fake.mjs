@@ -40,7 +40,7 @@ const both = {
   controllers: [...plant.controllers, {number: 2, name: "trial", period: 1}],
 };
 
-const published = [["y.target", "steady-state target"], ["u.target", ""], ["y.limit", ""], ["u.limit", ""], ["u.disturbance", "disturbance that nobody measures, as it is estimated"], ["objective", ""], ["solve_time", ""], ["result", ""], ["iterations", ""], ["x1.estimate", "state of the model, estimated"]];
+const published = [["y.target", "steady-state target"], ["u.target", ""], ["y.limit", ""], ["u.limit", ""], ["u.disturbance", "unmeasured disturbance, as it is estimated"], ["objective", ""], ["solve_time", ""], ["result", ""], ["iterations", ""], ["x1.estimate", "state of the model, estimated"]];
 const predictive = {...plant, variables: [...plant.variables, ...published.map(([name, description], i) => variable(`estimate.${10 + i}`, name, {description, period: 1}))]};
 
 export const drawing = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 60" font-size="6">
@@ -246,8 +246,8 @@ export class Fake {
   /** All that can be wrong is. */
   /** Of a loop that needs somebody. */
   #health() {
-    const none = {index: null, swing_s: null, regularity: null, lasting: null, friction: null, explained: null, still_s: null, jumps: null, step: null, travel_per_h: null, reversals_per_h: null};
-    return {t: this.now, since: this.now - 86400, until: this.now, left: 0, loops: [{id: 1, since: this.now - 3600, until: this.now, loop: "y", health: "valve", words: "the valve sticks or has backlash: look after it before you tune", evidence: "friction of 0.16 leaves 11 % less unexplained, in each half of the record", ticks: 3240, service: 0.98, at_low: 0, at_high: 0.02, ...none, index: 0.64, swing_s: 42.4, travel_per_h: 82.6, reversals_per_h: 2230}]};
+    const none = {index: null, oscillation_s: null, regularity: null, lasting: null, friction: null, explained: null, still_s: null, jumps: null, step: null, travel_per_h: null, reversals_per_h: null};
+    return {t: this.now, since: this.now - 86400, until: this.now, left: 0, loops: [{id: 1, since: this.now - 3600, until: this.now, loop: "y", health: "valve", words: "the valve sticks or has backlash: repair it before you tune", evidence: "friction of 0.16 leaves 11 % less unexplained, in each half of the record", ticks: 3240, service: 0.98, at_low: 0, at_high: 0.02, ...none, index: 0.64, oscillation_s: 42.4, travel_per_h: 82.6, reversals_per_h: 2230}]};
   }
 
   #diagnostics() {
@@ -311,7 +311,7 @@ export class Fake {
       case "/api/alarms/trial":
         return json({t: this.now, alarm: url.searchParams.get("alarm"), since: this.now - 86400, until: this.now, recorded: 300, raised: 300, tries: [["on-delay", 5, 12, 5, 288, 4, true], ["on-delay", 10, 9, 10, 291, 4, false], ["deadband", 0.5, 9, 0, 0, 0, true]].map(([setting, value, raised, later, missed, longest, proposed]) => ({setting, value, raised, later, missed, longest, proposed}))});
       case "/api/timing":
-        return this.records ? json(this.#timing(url.searchParams)) : json({error: {code: "away", message: "the database is away"}}, 503);
+        return this.records ? json(this.#timing(url.searchParams)) : json({error: {code: "away", message: "the database is offline"}}, 503);
       case "/api/timing/series":
         return json(this.#series(url.searchParams));
       case "/api/diagnostics":

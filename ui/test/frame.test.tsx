@@ -150,7 +150,7 @@ test("pages by Alt and a digit, help by ?, if wanted", async () => {
   assert.equal(await press("0", document.body, {altKey: true, code: "Digit0"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
   await press("?");
-  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+9 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic \/ overview of many loops: search, .* ↑ ↓ .* Enter apply what is typed/);
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+9 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic \/ overview of many loops: search, .* ↑ ↓ .* Enter apply the entry/);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
   assert.equal(document.querySelectorAll("dialog").length, 0);

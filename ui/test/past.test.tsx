@@ -52,7 +52,7 @@ test("the past is on the screens until Esc, nothing can be written there, and wh
     await show(page);
     assert.match(said(".past-top"), /^Past /, page);
   }
-  assert.match(said("main"), /This screen has no record: it shows what is now\. Back to now/);
+  assert.match(said("main"), /This screen has no record: it shows the present\. Back to now/);
   await show("loop/1");
   await tap(one(".line .why-button"));
   assert.match(said("dialog .past-word"), /^Past /, "over a page");
@@ -149,9 +149,9 @@ test("a time of the past that does not come, that comes twice, that is not on re
   assert.equal(await instant(""), "That is no date and time.");
   setZone("UTC");
   await press("Escape");
-  env.routes.set("/api/state", request => request.answer({error: {code: "store", message: "the history is away"}}, 503));
+  env.routes.set("/api/state", request => request.answer({error: {code: "store", message: "the history is offline"}}, 503));
   await press("p");
-  assert.equal(said(".past-remark"), "Not shown: the history is away");
+  assert.equal(said(".past-remark"), "Not shown: the history is offline");
   assert.equal(model.shownAt.value, null);
   env.routes.set("/api/state", request => request.answer(then(Number(request.query.at))));
   await press("p");

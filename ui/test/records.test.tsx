@@ -89,8 +89,8 @@ test("log book: what is entered goes once; a handover lists what stands, and is 
 test("loops' health: asked until none is left, then verdicts, evidence and the trend of that time; refused in words", async () => {
   const route = env.routes.get("/api/health")!;
   const queries: Record<string, string>[] = [];
-  const judged = {index: 0.5, swing_s: 42.4, travel_per_h: 82.6, reversals_per_h: 2230, at_low: 0, at_high: 0.25, service: 0.98, ticks: 3600};
-  const none = {index: null, swing_s: null, travel_per_h: null, reversals_per_h: null, at_low: null, at_high: null, service: null, ticks: 0, evidence: null};
+  const judged = {index: 0.5, oscillation_s: 42.4, travel_per_h: 82.6, reversals_per_h: 2230, at_low: 0, at_high: 0.25, service: 0.98, ticks: 3600};
+  const none = {index: null, oscillation_s: null, travel_per_h: null, reversals_per_h: null, at_low: null, at_high: null, service: null, ticks: 0, evidence: null};
   const loops = [
     {id: 1, since: START - 3600, until: START, loop: "y1", health: "valve", words: "the valve sticks", evidence: "friction of 0.16", ...judged},
     {id: 2, since: START, until: START, loop: "y2", health: "unknown", words: "too few ticks", ...none},
@@ -107,7 +107,7 @@ test("loops' health: asked until none is left, then verdicts, evidence and the t
   assert.equal(queries.length, 3);
   assert.deepEqual(queries[0], {since: "-86400"});
   assert.deepEqual(queries.slice(1), [{since: String(START - 86400), until: String(START)}, {since: String(START - 86400), until: String(START)}]);
-  assert.match(said(".health .toolbar"), /loops that need somebody: 1 of 2 ?; not judged: 1/);
+  assert.match(said(".health .toolbar"), /loops that need attention: 1 of 2 ?; not judged: 1/);
   const rows = [...document.querySelectorAll(".health tbody tr")].map(row => row.textContent);
   assert.match(rows[0]!, /^y1.*Valve: the valve sticks.*friction of 0\.16.*3600 ticks judged.*98 %.*25 %.*0\.50.*42\.4 s.*82\.6 .*2230 \/h/);
   assert.match(rows[1]!, /^y2.*Not judged: too few ticks/);
@@ -151,7 +151,7 @@ test("workbench: what the record cannot tell, a model, tunings that are tried, a
   await settle();
   assert.match(said(".workbench"), /1200 samples, one each 0.5 s/);
   assert.match(said(".workbench"), /fits 20 % .*This model says little.*Missing samples: 3, at most 2 in a row/);
-  assert.match(said(".workbench .pairs"), /^Gain 10 ± 0.2 Time constant 10 s, not told by the record Dead time 1 ± 0.2 s$/);
+  assert.match(said(".workbench .pairs"), /^Gain 10 ± 0.2 Time constant 10 s, not known from the record Dead time 1 ± 0.2 s$/);
   assert.deepEqual(queries.at(-1), {loop: "1", gain: "10", zero: "0", tau1: "10", tau2: "0", dead_time: "1", integrating: "0", rule: "simc"});
   assert.match(said("#workbench-commission ~ p"), /^Kp 0.2 → 0.5/);
   assert.equal(button("Write the tuning").disabled, false);
@@ -199,7 +199,7 @@ test("why an output moved: the causes by their effect, who wrote, and the loop a
     `r1 setpoint${clock(START - 9)}, anna: r1: 7.08195099547749 → 6.5 (typed); 7.08; 6.50; +5.000; 63 %`,
     "y1 measurement; 7.00; 7.13 sensor failure; +1.500; 19 %",
     `u1 mode${clock(START - 3)}, anna; Man; Auto; +0.500; 6 %`,
-    "earlier what the loop goes on with by itself; ; ; +1.000; 13 %",
+    "earlier the loop's own change without new inputs; ; ; +1.000; 13 %",
   ]);
   assert.match(said("dialog"), /Changed without effect: Kp \(tuning\)/);
   assert.match(said("dialog"), /top above it cannot be explained: it was started anew/);

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import {readdirSync, readFileSync} from "node:fs";
 import path from "node:path";
 import {test} from "node:test";
+import ts from "typescript";
 import {eventText, saysOf} from "../src/core/eventlist";
 import {described, firstShipped, inEnglish, known, LANGUAGES, said, speak, tr} from "../src/core/texts";
 import {sentences} from "../src/sentences.de";
@@ -119,7 +120,7 @@ test("each verdict on a loop, and what it rests on, has a sentence in German", (
   assert.ok(verdicts.length >= 9 && evidence.length >= 6, `${verdicts.length} ${evidence.length}`);
   assert.deepEqual(verdicts.filter(one => !(one in sentences)), []);
   assert.deepEqual(missing(evidence), []);
-  for (const word of ["sensor", "valve", "tight", "periodic", "swings", "limited", "slow", "unknown", "good"]) assert.ok(`health.${word}` in en, word);
+  for (const word of ["sensor", "valve", "tight", "periodic", "oscillates", "limited", "slow", "unknown", "good"]) assert.ok(`health.${word}` in en, word);
 });
 
 // Promise(page): What laws have and publish is described in German as well.
@@ -209,6 +210,27 @@ test("the server's sentences are worded in German, whatever they are put togethe
   assert.ok(saysOf({time: 0, severity: 1, source: "", kind: "mode", text: "mode Man"}, "hand") && saysOf({time: 0, severity: 1, source: "", kind: "mode", text: "mode Man"}, "man"));
   speak("en");
   for (const english of Object.keys(events)) assert.equal(said(english), english);
+});
+
+/** What a screen shows by itself, without a text of its language: names of formats, units and keys. */
+const SHOWN = new Set(["libapc", "UTC", "CSV", "PNG", "SVG", "Ts", "max", "Esc", "y bias size=2 when=u > 3"]);
+
+// Promise(page/texts-one-place): A screen shows no word that is not from the texts of its language.
+test("no word of a screen stands outside the texts", () => {
+  const folder = path.resolve(process.cwd(), "src");
+  const shown: string[] = [];
+  for (const name of (readdirSync(folder, {recursive: true}) as string[]).filter(one => one.endsWith(".tsx"))) {
+    const look = (node: ts.Node): void => {
+      const literal = ts.isJsxText(node) || ts.isStringLiteral(node) || ts.isTemplateLiteralToken(node) ? node.text.trim() : "";
+      const attribute = literal && ts.findAncestor(node, ts.isJsxAttribute);
+      const visible = literal === "" ? false : attribute ? attribute.initializer === node && /^(title|alt|placeholder|label|data-label|aria-(label|description|roledescription|valuetext))$/.test(attribute.name.getText())
+        : ts.isJsxText(node) || (ts.isJsxExpression(node.parent) && ts.isJsxElement(node.parent.parent));
+      if (visible && /[A-Za-z]{2}/.test(literal) && !SHOWN.has(literal)) shown.push(`${name}: ${literal}`);
+      ts.forEachChild(node, look);
+    };
+    look(ts.createSourceFile(name, readFileSync(path.join(folder, name), "utf8"), ts.ScriptTarget.Latest, true));
+  }
+  assert.deepEqual(shown, []);
 });
 
 test("each text is in use", () => {

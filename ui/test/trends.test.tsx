@@ -292,10 +292,10 @@ test("what predictive control expects, what holds it back, and how its solver do
   await env.pass(0.4);
   await settle();
   assert.match(said(".prediction .toolbar .say"), /^base: no plan since /);
-  env.routes.set("/api/predictions", each => each.answer({error: {code: "store", message: "the database is away"}}, 503));
+  env.routes.set("/api/predictions", each => each.answer({error: {code: "store", message: "the database is offline"}}, 503));
   await env.pass(3.5); // older than three periods
   await settle();
-  assert.equal(said(".prediction .complaint"), "the database is away");
+  assert.equal(said(".prediction .complaint"), "the database is offline");
   const old = [...document.querySelectorAll(".prediction .panel .value.stale")].map(each => each.textContent?.replace(/\s+/g, " ") ?? "");
   for (const words of [/high limit, low rate limit/, /sub-optimal: /, /4\.00 ms/, /^\??7/]) assert.ok(old.some(text => words.test(text)), `${words} stands as if it were of now: ${old.join("; ")}`);
   assert.equal(document.querySelectorAll(".prediction .pairs dd:first-of-type svg").length, 1, "one mark, of what is old");

@@ -128,7 +128,7 @@ test("a controller in shadow is compared, promoted, watched, backed out of, and 
   await until("it is told", () => page.locator("[data-would=iae]").first().isVisible());
   assert.ok((await page.locator("[data-would=iae]").allTextContents()).every(text => Number(text) > 0 && Number(text) < 150), "with noise alone it is at rest");
   assert.equal(await promote.isDisabled(), true, "nobody was told");
-  await page.getByLabel("the operators know of it").focus();
+  await page.getByLabel("the operators have been informed").focus();
   await page.keyboard.press("Space");
   assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
   await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
@@ -147,7 +147,7 @@ test("a controller in shadow is compared, promoted, watched, backed out of, and 
     const answer = await fetch("api/promote", {method: "POST", headers: {"Content-Type": "application/json", "X-CSRF-Token": csrf}, body: JSON.stringify({controller: "trial", from: "base"})});
     return [answer.status, (await answer.json()).error.message];
   });
-  assert.deepEqual(refused, [409, "trial acts, not base: somebody has promoted meanwhile. Nothing was written"]);
+  assert.deepEqual(refused, [409, "trial acts, not base: another user has promoted a controller meanwhile. Nothing was written"]);
 
   const back = page.getByRole("button", {name: "Back out: base acts again", exact: true});
   await back.focus();

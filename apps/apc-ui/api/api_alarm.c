@@ -314,7 +314,7 @@ static void fault_trial(struct request *r, int rc, const struct apc_error *why)
     if (rc == APC_EINVAL || rc == APC_ENOTFOUND || rc == APC_ETIMEDOUT)
         fault_set(&r->fault, 422, "trial", NULL, "%s", why->text);
     else
-        fault_set(&r->fault, 503, "store", NULL, "the database is away: %.150s", why->text);
+        fault_set(&r->fault, 503, "store", NULL, "the database is offline: %.150s", why->text);
 }
 
 static void try_settings_json(struct request *r, const struct alarm_summary *board,
@@ -455,7 +455,7 @@ static bool check_alarm_now(struct request *r, const struct alarm_summary *board
     struct apc_error why;
     if (!alarm_summary_lives(board, o->write.time))
         return fault_set(&r->fault, 409, "alarm", NULL,
-                         "apc-alarms does not run, so nobody would take it: nothing was written");
+                         "apc-alarms does not run, so this would have no effect: nothing was written");
     if (o->seq > now->row->seq || (o->which != APC_ALARM_ACK && o->seq < now->row->seq))
         return stale(r, now, alarm);
     if (shelves && !alarm_summary_may_shelve(board, now, o->value, o->write.time, &why))
@@ -508,7 +508,7 @@ static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm
     const bool unknown = rc == APC_ECONN || rc == APC_ETIMEDOUT;
     if (rc == APC_ECONFLICT)
         fault_set(&r->fault, 409, "stale", NULL,
-                  "%s: somebody else was faster, and nothing was written: look again", r->name);
+                  "%s: another user changed it first, and nothing was written: look again", r->name);
     else if (unknown)
         fault_set(&r->fault, 504, "unknown", NULL,
                   "the database did not answer: whether it was written is not known");

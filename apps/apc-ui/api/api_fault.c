@@ -28,7 +28,7 @@ static void answer_faults(struct ui *ui, struct request *r, struct apc_store *st
     struct apc_error why;
     int rc = fault ? model_simulated(&ui->model, store, &clock, &why) : store_simulated(store, &clock, &why);
     if (rc > 0 && fault && clock.rewind > 0)
-        rc = apc_fail(&why, APC_ESTATE, "somebody takes the plant back: do this again once it stands there");
+        rc = apc_fail(&why, APC_ESTATE, "the plant is being rewound: do this again when that is done");
     if (rc == 0 && fault)
         fault_set(&r->fault, 409, "simulation", NULL, "the plant is not simulated: its time is real");
     else if (rc < 0 || (rc > 0 && (rc = faults_open(&f, store, &why)) < 0))

@@ -253,7 +253,7 @@ static void task_summary(const struct model *m, struct text *t, const char *name
 static void task_metrics(const struct model *m, struct text *t)
 {
     task_summary(m, t, "apc_task_jitter_seconds", JITTER,
-                 "Start to start minus the period; quantiles of the last window.");
+                 "Time from start to start minus the period, in seconds; quantiles of the last window.");
     task_summary(m, t, "apc_task_exec_seconds", RUN, "Start to end of a tick; quantiles of the last window.");
     metric(t, "apc_task_overruns_total", "counter", "Ticks missed since this server began.");
     for (size_t i = 0; i < m->tasks; i++) {
@@ -280,7 +280,7 @@ static void link_metrics(const struct model *m, apc_ns now, struct text *t)
     }
     if (!client && has_client(m))
         link_metric(t, "apc_link_up", CLIENT, measures(m, now));
-    metric(t, "apc_link_reconnects_total", "counter", "Times that the link went or came back.");
+    metric(t, "apc_link_reconnects_total", "counter", "Number of times that the link was lost or restored.");
     for (size_t i = 0; i < m->links; i++)
         link_metric(t, "apc_link_reconnects_total", m->link[i].name, m->link[i].changes);
     if (!client && has_client(m))
@@ -293,7 +293,7 @@ static void exchange_metrics(const struct task *exchange, struct text *t)
     if (last->count == 0)
         return;
     metric(t, "apc_link_round_trip_seconds", "summary",
-           "From a command sent to its reply read; quantiles of the last window.");
+           "Time from a command sent to its reply read, in seconds; quantiles of the last window.");
     text_add(t,
              "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.5\"} %.9g\n"
              "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.99\"} %.9g\n"
@@ -320,12 +320,12 @@ static void signal_metrics(const struct model *m, apc_ns now, struct text *t)
     for (size_t i = 0; i < m->plant.n; i++)
         if (m->now[i].seq > 0)
             signal_metric(m, i, t, "apc_signal_value", m->now[i].value);
-    metric(t, "apc_signal_good", "gauge", "1: the newest value is there, Good and not stale.");
+    metric(t, "apc_signal_good", "gauge", "1: the newest value exists, is Good and not stale.");
     for (size_t i = 0; i < m->plant.n; i++)
         signal_metric(m, i, t, "apc_signal_good",
                       m->now[i].seq > 0 && !model_stale(m, i, now) &&
                           apc_status_severity(m->now[i].status) == APC_SEVERITY_GOOD);
-    metric(t, "apc_signal_age_seconds", "gauge", "Since the newest sample came.");
+    metric(t, "apc_signal_age_seconds", "gauge", "Age of the newest sample in seconds.");
     for (size_t i = 0; i < m->plant.n; i++)
         if (m->now[i].seq > 0)
             signal_metric(m, i, t, "apc_signal_age_seconds", apc_ns_to_s(model_age(m, i, now)));
@@ -343,10 +343,11 @@ static void standing_metrics(const struct model *m, apc_ns now, struct text *t)
         label(t, m->plant.loops.controller[i].name);
         text_add(t, "} %d\n", ticks);
     }
-    metric(t, "apc_plant_safe", "gauge", "1: the plant is given no command; ours is at its safe value.");
+    metric(t, "apc_plant_safe", "gauge",
+           "1: the plant gets no command; a simulated plant is at its safe value.");
     if (m->standing.safe >= 0)
         text_add(t, "apc_plant_safe %d\n", m->standing.safe);
-    metric(t, "apc_task_age_seconds", "gauge", "Since a task reported ticks.");
+    metric(t, "apc_task_age_seconds", "gauge", "Time since a task last reported ticks, in seconds.");
     for (size_t i = 0; i < m->tasks; i++) {
         text_add(t, "apc_task_age_seconds{task=");
         label(t, m->task[i].name);
@@ -358,9 +359,9 @@ static void room_metrics(const struct apc_store_room *room, struct text *t)
 {
     if (room->cells_max == 0)
         return;
-    metric(t, "apc_store_full", "gauge", "1: a variable finds no room in shared memory.");
+    metric(t, "apc_store_full", "gauge", "1: shared memory has no room for a variable.");
     text_add(t, "apc_store_full %d\n", room->full);
-    metric(t, "apc_store_refused_rows_total", "counter", "Rows that found no room in shared memory.");
+    metric(t, "apc_store_refused_rows_total", "counter", "Rows refused for lack of room in shared memory.");
     text_add(t, "apc_store_refused_rows_total %" PRIu64 "\n", room->refused);
 }
 
@@ -373,11 +374,12 @@ static void history_metrics(const struct behind *b, struct text *t)
     text_add(t, "apc_history_up %d\n", b->state > 0);
     if (b->state < 0)
         return;
-    metric(t, "apc_history_behind_rows", "gauge", "Samples and ticks that the history has not got.");
+    metric(t, "apc_history_behind_rows", "gauge", "Samples and ticks that the history does not have yet.");
     text_add(t, "apc_history_behind_rows %" PRIu64 "\n", b->rows);
     if (b->nothing)
         return;
-    metric(t, "apc_history_behind_seconds", "gauge", "How much older its newest is than the live store's.");
+    metric(t, "apc_history_behind_seconds", "gauge",
+           "How much older the history's newest row is than the live store's, in seconds.");
     text_add(t, "apc_history_behind_seconds %.9g\n", apc_ns_to_s(b->late));
 }
 
@@ -397,10 +399,11 @@ static void alarm_metrics(const struct model *m, apc_ns now, struct text *t)
         return;
     metric(t, "apc_alarms_evaluated", "gauge", "1: apc-alarms ticks.");
     text_add(t, "apc_alarms_evaluated %d\n", live);
-    metric(t, "apc_alarms", "gauge", "Alarms in a state; active and unacknowledged: of those that stand.");
+    metric(t, "apc_alarms", "gauge", "Number of alarms in each state.");
     for (size_t i = 0; i < sizeof states / sizeof *states && live; i++)
         text_add(t, "apc_alarms{state=\"%s\"} %.17g\n", states[i].state, m->alarm_numbers[states[i].at]);
-    metric(t, "apc_alarms_standing", "gauge", "Alarms that stand, by priority: 1 is the gravest.");
+    metric(t, "apc_alarms_standing", "gauge",
+           "Active or unacknowledged alarms by priority: 1 is the most urgent.");
     for (int i = 0; i < APC_ALARM_PRIORITIES && live; i++)
         text_add(t, "apc_alarms_standing{priority=\"%d\"} %.17g\n", i + 1,
                  m->alarm_numbers[APC_ALARMS_STANDING + i]);
@@ -421,7 +424,7 @@ static void health_metrics(struct verdicts *verdicts, struct text *t)
             label(t, verdicts->loop[i].name);
             text_add(t, ",health=\"%s\"} 1\n", verdicts->loop[i].health);
         }
-        metric(t, "apc_loop_health_time_seconds", "gauge", "The end of that window.");
+        metric(t, "apc_loop_health_time_seconds", "gauge", "End of that window, in Unix seconds.");
         text_add(t, "apc_loop_health_time_seconds %.17g\n", apc_ns_to_s(verdicts->until));
     }
     pthread_mutex_unlock(&verdicts->mutex);
@@ -462,7 +465,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     alarm_metrics(m, now, t);
     metric(t, "apc_db_up", "gauge", "1: the database answers.");
     text_add(t, "apc_db_up %d\n", m->connected);
-    metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");
+    metric(t, "apc_spool_depth", "gauge", "Samples and events that wait in spools for the database.");
     text_add(t, "apc_spool_depth %" PRIu64 "\n", m->spool.samples + m->spool.events);
     room_metrics(&m->room, t);
     history_metrics(&m->behind, t);
@@ -473,7 +476,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
                            "This server's reads of all newest samples.");
     duration_stats_metrics(&ui->lag, t, "apc_ui_lag_seconds",
                            "From a sample's source time to its message on the stream.");
-    metric(t, "apc_ui_clients", "gauge", "Open streams.");
+    metric(t, "apc_ui_clients", "gauge", "Open event streams (/events) of browsers and programs.");
     text_add(t, "apc_ui_clients %zu\n", stream.readers);
     metric(t, "apc_ui_requests_total", "counter", "Requests answered.");
     for (int i = 1; i < 6; i++)
@@ -530,5 +533,5 @@ void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
     if (ready)
         text_add(&r->reply, "ok\n");
     else if (wrong == 0 && !is_full)
-        text_add(&r->reply, "the database is away\n");
+        text_add(&r->reply, "the database is offline\n");
 }

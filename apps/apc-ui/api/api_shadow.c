@@ -200,9 +200,10 @@ static bool may_promote(struct ui *ui, struct request *r, struct apc_store *stor
     struct change_fault why;
 
     if (!acts || strcmp(acts->name, from) != 0)
-        return fault_set(&r->fault, 409, "stale", "from",
-                         "%s acts, not %.60s: somebody has promoted meanwhile. Nothing was written",
-                         acts ? acts->name : "nobody", from);
+        return fault_set(
+            &r->fault, 409, "stale", "from",
+            "%s acts, not %.60s: another user has promoted a controller meanwhile. Nothing was written",
+            acts ? acts->name : "nobody", from);
     pthread_mutex_lock(&ui->model.mutex);
     const struct loops_controller *known = loops_controller(&ui->model.plant.loops, p->to->name);
     const bool ticks = known && model_ticks(&ui->model, (size_t)(known - ui->model.plant.loops.controller),

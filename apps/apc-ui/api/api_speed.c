@@ -41,7 +41,7 @@ static bool read_speed_order(struct request *r, const json_t *body, struct speed
         return false;
     if (!(o->speed >= 0 && (o->speed <= SPEED_MOST || isinf(o->speed))))
         return fault_set(&r->fault, 422, "value", "speed",
-                         "\"speed\" must be from 0 (paused) to %d, or null: as fast as it goes", SPEED_MOST);
+                         "\"speed\" must be from 0 (paused) to %d, or null: as fast as possible", SPEED_MOST);
     return o->steps == 0 || o->speed == 0 ||
            fault_set(&r->fault, 422, "value", "steps",
                      "\"steps\" are of a paused plant: \"speed\" must be 0");

@@ -28,7 +28,7 @@ static void fault_why(struct request *r, int rc, const struct apc_error *why)
     case APC_ESYS:
     case APC_ESCHEMA:
     case APC_ENOMEM:
-        fault_set(&r->fault, 503, "store", NULL, "the database is away: %.150s", why->text);
+        fault_set(&r->fault, 503, "store", NULL, "the database is offline: %.150s", why->text);
         break;
     default:
         fault_set(&r->fault, 422, "replay", NULL, "%s", why->text);

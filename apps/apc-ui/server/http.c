@@ -61,7 +61,7 @@ struct server {
 
 void fault_store(struct request *r, int rc, const struct apc_store *store)
 {
-    fault_set(&r->fault, 503, "store", NULL, "%s%.180s", rc == APC_EPERM ? "" : "the database is away: ",
+    fault_set(&r->fault, 503, "store", NULL, "%s%.180s", rc == APC_EPERM ? "" : "the database is offline: ",
               rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
 }
 

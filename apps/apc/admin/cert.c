@@ -33,28 +33,29 @@ static void take_host(void *options, char *arg, const struct argp_state *state)
 
 #define AT(member) .to = offsetof(struct options, member)
 static const struct option_spec own_options[] = {
-    {"dir", 0, "DIR", "Folder of the authority and of what it makes [APC_CERTS]; default certs", OPTION_TEXT,
+    {"dir", 0, "DIR", "Folder of the authority and of the identities [APC_CERTS]; default certs", OPTION_TEXT,
      AT(folder), .must = "name a folder"},
     {"host", 0, "HOST",
-     "Of a plant: a name or an address at which clients find it, as in tls:HOST:PORT; as often as it has "
-     "some",
-     OPTION_OWN, .take = take_host},
-    {"days", 0, "N", "How long it is good: default 825, of an authority 3650", OPTION_WHOLE, AT(days),
-     .low = 1, .high = DAYS_MAX, .must = "be a whole number, 1 to 36500"},
-    {"replace", 0, NULL, "Renew an existing one, for instance because it expires", OPTION_FLAG, AT(replace)},
+     "plant: a name or address at which clients reach it, as in tls:HOST:PORT; may be repeated", OPTION_OWN,
+     .take = take_host},
+    {"days", 0, "N", "Validity in days; default 825, of an authority 3650", OPTION_WHOLE, AT(days), .low = 1,
+     .high = DAYS_MAX, .must = "be a whole number, 1 to 36500"},
+    {"replace", 0, NULL, "Renew an existing certificate, for instance because it expires", OPTION_FLAG,
+     AT(replace)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "authority [NAME] | plant NAME --host HOST | client NAME | list",
-    .doc = "Make the identities of a link tls:HOST:PORT. `authority` makes, once, an authority of your own "
-           "in a folder: authority.pem, and authority.key, its secret, which stays there. `plant` and "
-           "`client` make an identity, DIR/NAME.pem: a key, its certificate, and that of the authority. "
-           "apc-plant and apc-client take this file (--identity). A plant is known by its address (--host), "
-           "a client by its name: apc-plant takes commands from the names of its --client options, and "
-           "rejects all others. `list` shows all identities, and how long each is valid. Files with a key "
-           "are readable by their owner only (0600). Bring each to its computer by a secure way, and keep "
-           "the authority's key off both. Daemons take up a renewed identity (--replace) by themselves.",
+    .doc =
+        "Make the certificates of a link tls:HOST:PORT. `authority` makes, once, a certificate authority of "
+        "your own in a folder: authority.pem, and its private key authority.key, which stays there. `plant` "
+        "and `client` make an identity, DIR/NAME.pem: a private key, its certificate, and that of the "
+        "authority. apc-plant and apc-client take this file (--identity). A plant is known by its address "
+        "(--host), a client by its name: apc-plant takes commands from the names of its --client options, "
+        "and rejects all others. `list` shows all identities, and how long each is valid. Files with a key "
+        "are readable by their owner only (0600). Copy each to its computer over a secure channel, and keep "
+        "the authority's key off both. Daemons load a renewed identity (--replace) by themselves.",
     .takes = 0,
     .min_args = 1,
     .max_args = 2,
@@ -82,9 +83,9 @@ static int make_certificate(const struct cli *cli, const struct options *o, enum
             cli, rc, "%s%s", why.text,
             rc != APC_EBUSY ? ""
             : role == ROLE_AUTHORITY
-                ? "; the certificates it has signed would be worth nothing: take another folder, or remove it"
+                ? "; the certificates it has signed would become invalid: take another folder, or remove it"
                 : "; --replace renews it");
-    printf("%s/%s.pem made, good for %ld day%s\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
+    printf("%s/%s.pem made, valid for %ld day%s\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
            days, PLURAL(days));
     return EXIT_OK;
 }

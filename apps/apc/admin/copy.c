@@ -21,19 +21,17 @@
 
 static const struct option_spec own_options[] = {
     {"since", 0, "TIME",
-     "Only what is not older, RFC 3339 or before now as -30s, -10m, -2h, -1d; the newest row of each "
-     "variable in any case",
+     "Only rows from TIME on, RFC 3339 or before now as -30s, -10m, -2h, -1d; the newest row of each "
+     "variable is always copied",
      OPTION_TEXT, .to = 0},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "FROM TO",
-    .doc =
-        "Copy what the store FROM holds, or that of the run folder FROM, to the store TO: samples, vectors, "
-        "descriptions, events and timing. "
-        "Tables are made where there are none. Running it again copies what is new. Nobody may be writing TO "
-        "meanwhile.",
+    .doc = "Copy the rows of FROM, a store or a run folder, to the store TO: samples, vectors, descriptions, "
+           "events and timing. Missing tables are made. Run again, it copies only new rows. Nobody may write "
+           "to TO meanwhile.",
     .min_args = 2,
     .max_args = 2,
     .options = own_options,

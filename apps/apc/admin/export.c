@@ -16,31 +16,29 @@ static const char *const versions[] = {"3", "2", NULL};
 
 #define AT(member) .to = offsetof(struct options, member)
 static const struct option_spec own_options[] = {
-    {"controller", 0, "NAME", "Which one; of a file with one controller it needs no name", OPTION_TEXT,
+    {"controller", 0, "NAME", "The controller to export; required if the file has several", OPTION_TEXT,
      AT(controller)},
     {"fmi", 0, "VERSION", "Version of the standard: 3 (default) or 2", OPTION_CHOICE, AT(version),
      .choices = versions, .must = "be 2 or 3"},
     {"output", 'o', "FILE.fmu",
-     "Where it goes; default the experiment's name and, of several, the controller's", OPTION_TEXT, AT(out),
-     .must = "name a file"},
+     "The file to write; default: the experiment's name, and the controller's if there are several",
+     OPTION_TEXT, AT(out), .must = "name a file"},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "fmu EXPERIMENT",
     .doc =
-        "Make an FMU for co-simulation (fmi-standard.org) of a controller: its law with settings, tuning, "
-        "estimator, limits, rates and backup, for tools that import FMUs. Inputs are its measurements, "
-        "disturbances and setpoints, outputs what it gives; tuning, target modes (NAME.mode) and the output "
-        "in Man (NAME.manual) are parameters that may be set between steps. With follow.schedule 1 setpoints "
-        "are those of the experiment's scheduler. A step is a tick: with the inputs at its beginning, the "
-        "controller gives the outputs that act until its end. Its length is the period, or a multiple. A "
-        "measurement that is not finite is Bad. The FMU holds the experiment file, the library of "
-        "controllers "
-        "for this kind of processor, and libconfig; it needs the C library of this system or a newer one. "
-        "These cannot be exported: laws of your own, a law that takes the model of a plant of your own, and "
-        "a "
-        "controller whose output is another one's setpoint.",
+        "Make an FMU for co-simulation (fmi-standard.org) of a controller, for tools that import FMUs: its "
+        "law with settings, tuning, estimator, limits, rate limits and backup law. Inputs are its "
+        "measurements, disturbances and setpoints; outputs are its outputs. Tuning, target modes (NAME.mode) "
+        "and the output in Man (NAME.manual) are parameters that may be set between steps. With "
+        "follow.schedule 1 the experiment's scheduler sets the setpoints. A step is a tick: from the inputs "
+        "at its beginning, the controller computes the outputs that act until its end. A step is as long as "
+        "the period, or a multiple. A measurement that is not finite is Bad. The FMU holds the experiment "
+        "file, the library of controllers for this kind of processor, and libconfig; it needs the C library "
+        "of this system or a newer one. These cannot be exported: laws of your own, a law that takes the "
+        "model of a plant of your own, and a controller whose output is another one's setpoint.",
     .min_args = 2,
     .max_args = 2,
     .options = own_options,

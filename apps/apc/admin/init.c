@@ -5,22 +5,17 @@
 #include "experiment/experiment.h"
 
 static const struct option_spec own_options[] = {
-    {"force", 'f', NULL, "Describe FILE also in a store that belongs to another experiment", OPTION_FLAG,
-     .to = 0},
+    {"force", 'f', NULL, "Describe FILE even in a store of another experiment", OPTION_FLAG, .to = 0},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "[FILE]",
-    .doc =
-        "Make the tables of the shared data, or bring those of an older version up to date. With an "
-        "experiment "
-        "FILE, also describe its variables and write its dimensions, and its tuning and mode where there are "
-        "none yet. Running it again is harmless; a store that belongs to another experiment is refused. A "
-        "new live "
-        "store of LIVE+HISTORY, as after the host was started again, goes on where the history ends: tuning, "
-        "modes, "
-        "setpoints and the controllers' states.",
+    .doc = "Make the tables of the shared data, or bring those of an older version up to date. With an "
+           "experiment FILE, also describe its variables and write its dimensions, and its tuning and mode "
+           "where there are none yet. It may be run again at any time. It refuses a store of another "
+           "experiment. A new live store of LIVE+HISTORY, as after a reboot, continues where the history "
+           "ends: tuning, modes, setpoints and the controllers' states.",
     .takes = CLI_STORE | CLI_MAKES_STORE,
     .max_args = 1,
     .options = own_options,

@@ -22,21 +22,19 @@ static const struct option_spec own_options[] = {
      "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter",
      OPTION_TEXT, AT(ticks)},
     {"pack", 0, "DURATION",
-     "Pack samples that are older than that, as 14d, of PostgreSQL whole weeks: a quarter to a tenth of the "
-     "room, the same history; default: none",
+     "Pack samples that are older than that, as 14d (PostgreSQL: whole weeks), to a quarter to a tenth of "
+     "the disk space, with the same history; default: none",
      OPTION_TEXT, AT(pack)},
-    {"all", 0, NULL, "All plants in the database whose tables are yours, one after the other", OPTION_FLAG,
+    {"all", 0, NULL, "All plants in the database whose tables you own, one after the other", OPTION_FLAG,
      AT(all)},
     {0},
 };
 
 static const struct cli_spec spec = {
-    .doc = "Make the partitions of the coming weeks, and drop or pack old rows as the options say. For the "
-           "owner of "
-           "the tables; run it once a day, the programs may go on meanwhile. Samples are dropped by the week "
-           "where "
-           "tables are partitioned, ticks and predictions by the day; the newest sample of each variable "
-           "always stays.",
+    .doc = "Make the partitions of the coming weeks, and drop or pack old rows as the options say. Only the "
+           "owner of the tables may do so. Run it once a day; programs may keep running. Samples are dropped "
+           "by the week where tables are partitioned, ticks and predictions by the day; the newest sample of "
+           "each variable always stays.",
     .takes = CLI_STORE,
     .options = own_options,
 };

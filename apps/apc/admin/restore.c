@@ -6,12 +6,10 @@
 
 static const struct cli_spec spec = {
     .args_doc = "BACKUP STORE",
-    .doc =
-        "Put what the file BACKUP holds in the place of all that STORE holds, a file (sqlite:FILE) or that "
-        "of "
-        "a run's folder, in one piece. What STORE held is kept beside it, as FILE.replaced-TIME. Nobody may "
-        "be writing STORE. A file that is moved into another one's place instead may be spoilt by what the "
-        "former one left in FILE-journal. (A schema of PostgreSQL: pg_restore.)",
+    .doc = "Replace the content of STORE, a file (sqlite:FILE) or the store of a run folder, by that of the "
+           "file BACKUP, in one step. The former content is kept beside it, as FILE.replaced-TIME. Nobody "
+           "may write to STORE meanwhile. Do not copy a file over it by hand: the FILE-journal of the former "
+           "one may damage it. For a schema of PostgreSQL use pg_restore.",
     .min_args = 2,
     .max_args = 2,
 };

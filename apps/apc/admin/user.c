@@ -24,8 +24,8 @@ static const struct option_spec own_options[] = {
      .must = "name a file"},
     {"role", 0, "ROLE", "observer (default for a new name), operator or engineer", OPTION_TEXT, AT(role),
      .choices = roles, .must = "be observer, operator or engineer"},
-    {"days", 0, "N", "The token ends so many days from now, 1 to 3650; default: never", OPTION_WHOLE,
-     AT(days), .low = 1, .high = DAYS_MOST, .must = "be a whole number from 1 to 3650"},
+    {"days", 0, "N", "Validity of the token in days, 1 to 3650; default: for ever", OPTION_WHOLE, AT(days),
+     .low = 1, .high = DAYS_MOST, .must = "be a whole number from 1 to 3650"},
     {0},
 };
 
@@ -34,9 +34,9 @@ static const struct cli_spec spec = {
     .doc = "Manage the users of the operator's page. `add` asks for a password on the terminal, or takes the "
            "first line of its input; for an existing user it sets the new password, and the role that is "
            "given. The file holds argon2id hashes and only its owner can read it; apc-ui sees a change "
-           "within a second. `token` prints a new token for a machine, of the given role and for so many "
+           "within a second. `token` prints a new token for a program, with the given role and valid for "
            "--days, and keeps its hash in FILE.tokens. With `Authorization: Bearer TOKEN`, or Basic with its "
-           "two halves, a machine needs no login. `revoke` ends it.",
+           "two halves, a program needs no login. `revoke` ends it.",
     .takes = 0,
     .min_args = 1,
     .max_args = 2,

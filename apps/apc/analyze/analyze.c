@@ -29,28 +29,25 @@ static void take_at(void *options, char *arg, const struct argp_state *state)
 
 #define AT(member) .to = offsetof(struct analyze_options, member)
 static const struct option_spec own_options[] = {
-    {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
+    {"set", 0, "PATH=VALUE", "Override a setting of the file; may be repeated", OPTION_OWN, AT(set),
      .take = setting_add},
     {"at", 0, "NAME=VALUE",
-     "An output or a disturbance of the operating point; default: that of the controllers' operating_point, "
-     "else the output's initial value, else the model's own",
+     "Set an output or a disturbance of the operating point; default: the controllers' operating_point, else "
+     "the output's initial value, else the model's own",
      OPTION_OWN, .take = take_at},
-    {"timing", 0, "RUN",
-     "How late controllers began and how long they took in this run, instead of what the file says",
+    {"timing", 0, "RUN", "Take the controllers' lateness and run time from this run instead of the file",
      OPTION_TEXT, AT(timing)},
-    {"figure", 0, "NAME", "Draw Bode's and Nyquist's curves as NAME.svg and NAME.png", OPTION_TEXT,
-     AT(figure)},
+    {"figure", 0, "NAME", "Draw Bode and Nyquist plots as NAME.svg and NAME.png", OPTION_TEXT, AT(figure)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc = "Show the stability margins of each loop of the experiment FILE, and of all loops at once, in "
-           "gain, phase and delay; the peaks of the sensitivity; and the closed loop's poles. FILE may be a "
-           "run folder. The loop is "
-           "linear around an operating point, and as virtual time has it: sampled, with the delays of its "
-           "periods, phases and network. Laws: pi, pid, cascade, lqg, mpc off its limits, and laws of your "
-           "own that are linear there.",
+    .doc = "Show the stability margins (gain, phase, delay), the peak sensitivities Ms and MT, and the "
+           "closed-loop poles of the experiment FILE, for each loop and for all loops at once. FILE may be a "
+           "run folder. The analysis is linear around an operating point. It includes sampling and the "
+           "delays of periods, phases and network, as a simulation does. Laws: pi, pid, cascade, lqg, mpc "
+           "away from its limits, and your own laws that are linear there.",
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = 1,

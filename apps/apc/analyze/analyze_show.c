@@ -180,9 +180,8 @@ static int show_analysis(const struct loop_analysis *z)
     } else {
         rc = cli_error(
             &z->cli, APC_ESOLVER,
-            "the closed loop is not stable around this point, so it has no margins: the pole that grows "
-            "stands first below. Try less gain (--set PATH=VALUE), another point (--at), or have apc "
-            "optimize look for numbers");
+            "the closed loop is unstable around this point, so it has no margins: the unstable pole is the "
+            "first below. Try less gain (--set PATH=VALUE), another point (--at), or apc optimize");
     }
     show_poles(z);
     if (z->noisy && show_loop_cost(z) < 0)

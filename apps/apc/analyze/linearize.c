@@ -14,22 +14,18 @@ struct own {
 
 #define AT(member) .to = offsetof(struct own, member)
 static const struct option_spec own_options[] = {
-    {"here", 'H', NULL, "Linearise at the states as they are given, whether or not they are at rest",
-     OPTION_FLAG, AT(here)},
+    {"here", 'H', NULL, "Linearise at the given states, even if they are not steady", OPTION_FLAG, AT(here)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "PLANT [NAME=VALUE...]\nMODELFILE",
-    .doc =
-        "Show the linear model of PLANT, a built-in one, ./file.so, or ./file.fmu that shows its states "
-        "and their derivatives, at a steady state: A, B, C, D, poles, zeros, gains, relative gains. A NAME "
-        "is that of a parameter, an input or a disturbance, which it sets, or "
-        "of a "
-        "state, which is where the search for the steady state begins. What is not named has the model's own "
-        "value; see `apc plants PLANT`. Of MODELFILE, as `apc identify` writes it, the same of the model "
-        "that "
-        "stands there, and its dead times; what is sampled has its poles and zeros in z.",
+    .doc = "Show the linear model of PLANT, a built-in one, ./file.so, or ./file.fmu that shows its states "
+           "and their derivatives, at a steady state: A, B, C, D, poles, zeros, gains, relative gains. "
+           "NAME=VALUE sets a parameter, an input or a disturbance, or the value of a state from which the "
+           "search for the steady state begins. The others keep the model's own values; see `apc plants "
+           "PLANT`. For MODELFILE, as `apc identify` writes it, show the same of its model, and its dead "
+           "times. Poles and zeros of a sampled model are in z.",
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = -1,
@@ -104,7 +100,7 @@ static int set_text_parameter(const struct cli *cli, const struct analysis *z, c
     const int rc = apc_model_set_text(z->model, name, text, &why);
 
     if (rc == APC_ENOTFOUND)
-        return cli_error(cli, rc, "%s has no \"%s\"; `apc plants %s` shows what it has", z->model->name, name,
+        return cli_error(cli, rc, "%s has no \"%s\"; `apc plants %s` shows its names", z->model->name, name,
                          cli->args[0]);
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }

@@ -56,7 +56,7 @@ static void take_weights_option(void *weights, char *arg, const struct argp_stat
                 part);
     }
     if (!(w->iae + w->effort + w->overshoot + w->limits > 0))
-        argp_error(state, "--weights: all are 0: then nothing is better than anything else");
+        argp_error(state, "--weights: all are 0, so all results cost the same: give one above 0");
 }
 
 static void check_optimize_options(void *options, const struct argp_state *state)
@@ -75,49 +75,47 @@ static void check_optimize_options(void *options, const struct argp_state *state
 #define AT(member) .to = offsetof(struct optimize_options, member)
 static const struct option_spec own_options[] = {
     {"over", 0, "PATH=LOW..HIGH",
-     "A number that is searched, within these bounds, as controllers.base.v1.Kp=0.1..10; up to 16 of them",
+     "A number to search, within these bounds, as controllers.base.v1.Kp=0.1..10; up to 16 of them",
      OPTION_OWN, .take = take_over_option},
-    {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
+    {"set", 0, "PATH=VALUE", "Override a setting of the file; may be repeated", OPTION_OWN, AT(set),
      .take = setting_add},
     {"weights", 0, "NAME=W,...",
-     "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
-     "(of all the time beyond them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
+     "Weights of the cost: iae, effort (each relative to that of the present numbers), overshoot (1 is 100 "
+     "%), limits (share of the time beyond them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
      OPTION_OWN, AT(weights), .take = take_weights_option},
     {"ms", 0, "M",
-     "Largest maximum sensitivity Ms that a loop may have, as apc analyze has it; most good loops have 1.2 "
-     "to 2",
+     "Upper limit of each loop's maximum sensitivity Ms, as `apc analyze` computes it; 1.2 to 2 is usual",
      OPTION_NUMBER, AT(weights.peak), .low = 1, .must = "be above 1; most good loops have 1.2 to 2",
      .former = "peak"},
-    {"runs", 'n', "N", "Seeds of each try, from --seed on, the same for all; default: 1", OPTION_COUNT,
-     AT(runs), .low = 1, .high = 100000, .must = "be 1 to 100000"},
-    {"budget", 0, "N", "Simulated runs in all; default: 2000", OPTION_COUNT, AT(budget), .low = 1,
+    {"runs", 'n', "N", "Number of seeds of each try, from --seed on, the same for all; default: 1",
+     OPTION_COUNT, AT(runs), .low = 1, .high = 100000, .must = "be 1 to 100000"},
+    {"budget", 0, "N", "Number of simulated runs in total; default: 2000", OPTION_COUNT, AT(budget), .low = 1,
      .high = 10000000, .must = "be 1 to 10000000"},
-    {"seed", 's', "N", "Of the first run of each try, instead of the file's", OPTION_WHOLE, AT(seed),
+    {"seed", 's', "N", "Seed of the first run of each try, instead of the file's", OPTION_WHOLE, AT(seed),
      .given = 1 + offsetof(struct optimize_options, seeded), .low = 0, .high = 0x1p53,
      .must = "be a whole number, 0 to 9007199254740992"},
-    {"duration", 'd', "SECONDS", "How long to simulate instead of the file's duration", OPTION_NUMBER,
+    {"duration", 'd', "SECONDS", "Simulated time, in s, instead of the file's duration", OPTION_NUMBER,
      AT(duration), .above = true, .high = YEAR, .must = "be seconds, above 0 up to 31622400"},
-    {"net", 0, "SPEC", "The network, over what the file says, as in apc simulate", OPTION_TEXT, AT(net)},
-    {"jobs", 'j', "N", "Processes; default: one a CPU. What is found does not depend on it", OPTION_COUNT,
-     AT(jobs), .low = 1, .high = 1024, .must = "be 1 to 1024"},
-    {"csv", 0, "FILE", "Write the front of IAE against effort there; - is stdout", OPTION_TEXT, AT(csv)},
-    {"json", 0, NULL, "What was found as JSON on stdout, and what else is said on stderr", OPTION_FLAG,
-     AT(json)},
+    {"net", 0, "SPEC", "Override the file's network, as in `apc simulate`", OPTION_TEXT, AT(net)},
+    {"jobs", 'j', "N", "Number of processes; default: one per CPU. The result does not depend on it",
+     OPTION_COUNT, AT(jobs), .low = 1, .high = 1024, .must = "be 1 to 1024"},
+    {"csv", 0, "FILE", "Write the front of IAE against control effort to FILE; - is stdout", OPTION_TEXT,
+     AT(csv)},
+    {"json", 0, NULL, "The result as JSON on stdout, and all other output on stderr", OPTION_FLAG, AT(json)},
     {"figure", 0, "NAME", "Draw the front as NAME.svg and NAME.png", OPTION_TEXT, AT(figure)},
-    {"write", 0, "FILE",
-     "Write an experiment file with the numbers that were found, without the comments of the former",
+    {"write", 0, "FILE", "Write an experiment file with the result, without the comments of the original",
      OPTION_TEXT, AT(write)},
-    {"force", 0, NULL, "Write over files that are there", OPTION_FLAG, AT(force)},
+    {"force", 0, NULL, "Overwrite existing files", OPTION_FLAG, AT(force)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "FILE --over PATH=LOW..HIGH ...",
-    .doc = "Search tuning and settings of the experiment FILE that cost less. The cost is a weighted sum of "
-           "IAE, effort, overshoot and violated limits of simulated runs over the same seeds. Shows what was "
-           "found as lines to paste, and the "
-           "front of "
-           "IAE against effort. Nothing is changed but what --write names. The same command finds the same.",
+    .doc =
+        "Search for tuning and settings of the experiment FILE that have a lower cost. The cost is a "
+        "weighted sum of IAE, control effort, overshoot and violated limits of simulated runs over the same "
+        "seeds. The result is shown as lines to paste, with the Pareto front of IAE against control effort. "
+        "Only the files that the options name are written. The same command gives the same result.",
     .min_args = 1,
     .max_args = 1,
     .options = own_options,
@@ -150,7 +148,7 @@ static int check_number(struct optimization *z, size_t i, struct apc_error *why)
         return rc;
     if (isnan(n->now))
         return apc_fail(why, APC_ENOTFOUND,
-                        "%s: the file does not say what it is now: say so there, or by --set", n->path);
+                        "%s: the file has no present value of it: add one there, or give --set", n->path);
     if (!(n->now >= n->low && n->now <= n->high))
         return apc_fail(
             why, APC_ERANGE,

@@ -99,14 +99,14 @@ static void show_search_cost(const struct optimization *z, double took)
     if (unstable > 0)
         fprintf(z->talk, "; %u were unstable", unstable);
     if (atomic_load(&z->pool->stop))
-        fputs("; ended by a signal: this is what there is", z->talk);
+        fputs("; ended by a signal: these are the results until then", z->talk);
     fprintf(z->talk, "\ncost %.5g -> %.5g\n", optimization_cost(present_of(z), &z->own.weights),
             optimization_cost(best_of(z), &z->own.weights));
     if (z->own.weights.peak > 0)
         fprintf(z->talk, "Ms %.4g -> %.4g, %.4g at most\n", present_of(z)->peak, best_of(z)->peak,
                 z->own.weights.peak);
     if (z->best == 0)
-        fputs("nothing better was found than what is there\n", z->talk);
+        fputs("nothing better than the present numbers was found\n", z->talk);
 }
 
 /* ---- For programs --------------------------------------------------------------------------- */
@@ -237,7 +237,7 @@ static void put_attempts_figure(FILE *script, void *ctx)
     snprintf(iae, sizeof iae, "IAE of %s", z->loop[0].name);
     gnuplot_string(script, "title", z->e.title);
     gnuplot_string(script, "x",
-                   z->loops == 1 ? "effort: what the output moves in all"
+                   z->loops == 1 ? "effort: total variation of the outputs"
                                  : "effort, 1: with the present numbers");
     gnuplot_string(script, "y", z->loops == 1 ? iae : "IAE, 1: with the present numbers");
 }

@@ -23,37 +23,36 @@ static const char *const rules[SUGGEST_RULES + 1] = {"simc", "lambda", "relay", 
 #define AT(member) .to = offsetof(struct suggest_options, member)
 static const struct option_spec own_options[] = {
     {"suggest", 0, "RUN",
-     "Suggest tunings of the PI and PID loops of run folder RUN, best one of apc test, and compare them with "
-     "the present ones",
+     "Suggest tunings of the PI and PID loops of run folder RUN, best that of an `apc test`, and compare "
+     "them with the present ones",
      OPTION_TEXT, AT(run)},
     {"model", 0, "FILE",
      "Take the plant from this model file of transfer functions; RUN may then be an experiment file",
      OPTION_TEXT, AT(model)},
-    {"figure", 0, "NAME", "Draw NAME.svg and NAME.png: a step of each loop's setpoint, now and then",
+    {"figure", 0, "NAME", "Draw NAME.svg and NAME.png: a setpoint step of each loop, present and suggested",
      OPTION_TEXT, AT(figure)},
-    {"force", 0, NULL, "Write over what is in these files", OPTION_FLAG, AT(force)},
+    {"force", 0, NULL, "Overwrite these files", OPTION_FLAG, AT(force)},
     {"rule", 0, "RULE",
-     "simc (the default), lambda or relay: by the loop's limit, of the oscillation in RUN where that is a "
-     "test by a relay, else of the model",
+     "simc (the default), lambda or relay; relay takes the stability limit of the loop from the oscillation "
+     "in RUN if that is a relay test, else from the model",
      OPTION_CHOICE, AT(rule), .choices = rules, .must = "be simc, lambda or relay"},
     {"tau-c", 0, "S",
-     "Closed-loop time constant, in s, that simc and lambda aim at; default: the dead time. Longer is calmer",
+     "Closed-loop time constant, in s, that simc and lambda aim at; default: the dead time. Longer is slower "
+     "and gentler",
      OPTION_NUMBER, AT(tau_c), .must = "be s, above 0"},
     {"closed", 0, NULL,
-     "Also replay RUN in closed loop with what is suggested, against what disturbed it, as apc replay "
-     "--closed "
-     "does",
+     "Also replay RUN in closed loop with the suggested tuning and the recorded disturbances, as "
+     "`apc replay --closed` does",
      OPTION_FLAG, AT(closed)},
-    {"apply", 0, NULL, "Write what is suggested, as one change", OPTION_FLAG, AT(apply)},
+    {"apply", 0, NULL, "Write the suggested tuning, as one change", OPTION_FLAG, AT(apply)},
     {0},
 };
 
 static const struct cli_spec tune_spec = {
     .args_doc = "[NAME=VALUE...]",
-    .doc =
-        "Show the tuning of the control laws, or change it; several parameters in one transaction. Where "
-        "there are several loops a parameter is LOOP.NAME. Waits until the controller has it. With --suggest "
-        "show what would be better.",
+    .doc = "Show the tuning of the control laws, or change it; several parameters in one transaction. With "
+           "several loops a parameter is LOOP.NAME. The command waits until the controller has taken the "
+           "change. With --suggest show better tunings.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = -1,
     .options = own_options,

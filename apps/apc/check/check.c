@@ -29,37 +29,34 @@ static const struct option_spec own_options[] = {
     {"format", 0, "FORMAT",
      "text (default), tap (Test Anything Protocol), junit (XML), json, or html: a page for paper",
      OPTION_CHOICE, AT(format), .choices = formats},
-    {"runs", 'n', "N", "Runs of each scenario instead of the file's, with one seed each", OPTION_COUNT,
-     AT(runs), .low = 1, .high = 1000000, .must = "be 1 to 1000000"},
-    {"seed", 's', "N", "Of the first run, instead of the file's; without --runs of the only one",
+    {"runs", 'n', "N", "Number of runs of each scenario, each with a seed of its own, instead of the file's",
+     OPTION_COUNT, AT(runs), .low = 1, .high = 1000000, .must = "be 1 to 1000000"},
+    {"seed", 's', "N", "Seed of the first run, instead of the file's; without --runs there is only this run",
      OPTION_WHOLE, AT(seed), .given = 1 + offsetof(struct check_options, seeded), .high = 0x1p53,
      .must = "be a whole number, 0 to 9007199254740992"},
     {"session", 0, "RUN",
-     "Judge what people did in the run of `apc run --speed` in folder RUN, instead of running the scenario's "
-     "experiment",
+     "Check the session of `apc run --speed` in run folder RUN, with its operators' actions, instead of "
+     "running the scenario's experiment",
      OPTION_TEXT, AT(session)},
-    {"jobs", 'j', "N", "Processes; default: one a CPU", OPTION_COUNT, AT(jobs), .low = 1, .high = 1024,
-     .must = "be 1 to 1024"},
+    {"jobs", 'j', "N", "Number of processes; default: one per CPU", OPTION_COUNT, AT(jobs), .low = 1,
+     .high = 1024, .must = "be 1 to 1024"},
     {"set", 0, "PATH=VALUE",
-     "A setting of the experiment other than the file's and the scenario's, as duration=60.0; any number "
-     "of "
-     "times",
+     "Override a setting of the experiment file and of the scenario, as duration=60.0; may be repeated",
      OPTION_OWN, AT(set), .take = setting_add},
     {"report", 'o', "DIR",
-     "Leave the run folder of each run that is told of as failed there, as DIR/NAME-SEED, with a figure "
-     "around each "
-     "failure",
+     "Keep the run folder of each run that is reported as failed, as DIR/NAME-SEED, with a figure around "
+     "each failure",
      OPTION_TEXT, AT(report)},
-    {"force", 0, NULL, "Write over what is in such a folder", OPTION_FLAG, AT(force)},
+    {"force", 0, NULL, "Overwrite the files in such a folder", OPTION_FLAG, AT(force)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "SCENARIO...",
-    .doc = "Run scenarios in virtual time and judge what is expected of them: an experiment with faults, "
-           "disturbances and an operator's actions, and what is to become of it, as `never y2 < 20`. Of what "
-           "failed it says as `apc why` why the output moved that answers for it. Exits "
-           "with 0 if all held, 1 if some did not, 2 if a scenario is wrong: then nothing was run.",
+    .doc = "Run scenarios in virtual time and check their expectations. A scenario is an experiment with "
+           "faults, disturbances and an operator's actions, and with expectations such as `never y2 < 20`. "
+           "For a failed one, show why the responsible output moved, as `apc why` does. The exit code is 0 "
+           "if all were met, 1 if some were not, 2 if a scenario is wrong: then nothing was run.",
     .min_args = 1,
     .max_args = -1,
     .options = own_options,

@@ -23,9 +23,8 @@ static const struct argp_option store_options[] = {{"store", 's', "URI", 0, STOR
 static const struct argp_option format_options[] = {
     {"json", OPT_JSON, NULL, 0, "JSON on stdout", 0}, {"csv", OPT_CSV, NULL, 0, "CSV on stdout", 0}, {0}};
 static const struct argp_option write_options[] = {
-    {"no-wait", OPT_NO_WAIT, NULL, 0,
-     "Write, also where no controller runs, and do not wait for what becomes of it", 0},
-    {"reason", 'r', "TEXT", 0, "Why, for the record; at most 80 bytes", 0},
+    {"no-wait", OPT_NO_WAIT, NULL, 0, "Write even if no controller runs, and do not wait for the outcome", 0},
+    {"reason", 'r', "TEXT", 0, "Reason, for the record; at most 80 bytes", 0},
     {0}};
 
 /* What getopt would take for options of one digit. */

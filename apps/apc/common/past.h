@@ -10,8 +10,10 @@
 #define PAST_OPTION(options)                                                                                 \
     {                                                                                                        \
         "at", 0, "TIME",                                                                                     \
-            "As it was at TIME, as far as the record tells: UTC as 2026-01-31T12:00:00Z, 2026-01-31T12:00 "  \
-            "or 2026-01-31, or before now as 30s, 10m, 2h, 1d; of a run's folder also s since its start",    \
+            "Show the state at TIME, as far as it is recorded: UTC as 2026-01-31T12:00:00Z, "                \
+            "2026-01-31T12:00 "                                                                              \
+            "or 2026-01-31, or before now as 30s, 10m, 2h, 1d; of a run folder also seconds since its "      \
+            "start",                                                                                         \
             OPTION_TEXT, .to = offsetof(options, at)                                                         \
     }
 

@@ -111,25 +111,27 @@ static const struct option_spec own_options[] = {
      .take = take_disturbances_option},
     {"outputs", 0, "NAMES", "Outputs of the model; default, of a run folder: all measurements", OPTION_OWN,
      .take = take_outputs_option},
-    {"period", 0, "S", "Time from sample to sample; default: that of the first output", OPTION_NUMBER,
+    {"period", 0, "S", "Sampling period in s; default: that of the first output", OPTION_NUMBER,
      AT(selection.period), .low = 1e-6, .high = 1e6},
     {"from", 0, "TIME",
-     "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
+     "Use the record from TIME on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
      OPTION_TEXT, AT(from)},
-    {"to", 0, "TIME", "Use the record up to that time", OPTION_TEXT, AT(to)},
-    {"share", 0, "X", "Fit to the first X of each record, 0.67 of it, and validate on the rest",
+    {"to", 0, "TIME", "Use the record up to TIME", OPTION_TEXT, AT(to)},
+    {"share", 0, "X",
+     "Fit to the first part of each record, the fraction X, and validate on the rest; default: 0.67",
      OPTION_NUMBER, AT(share), .low = 0.1, .high = 0.9},
-    {"validate", 0, "FILE", "Fit to all of the records, and validate on another one", OPTION_TEXT,
-     AT(validate)},
-    {"model", 0, "KIND", "transfer, arx, subspace or fir; default: each, and the simplest of the best",
+    {"validate", 0, "FILE", "Fit to the whole records, and validate on this one", OPTION_TEXT, AT(validate)},
+    {"model", 0, "KIND", "transfer, arx, subspace or fir; default: all, and the simplest of the best is used",
      OPTION_CHOICE, AT(kind), .choices = kinds, .must = "be transfer, arx, subspace or fir"},
-    {"order", 0, "N", "Lags of transfer functions, 1 or 2; states of subspace; default: found", OPTION_COUNT,
-     AT(order), .low = 1, .high = 50, .must = "be a whole number from 1 to 50"},
-    {"output", 'o', "FILE", "Write the model there, for a controller's \"model\"", OPTION_TEXT, AT(output)},
-    {"figure", 0, "NAME", "Draw NAME.svg and NAME.png: measured, and what the model says", OPTION_TEXT,
+    {"order", 0, "N",
+     "Number of lags of transfer functions, 1 or 2, or of states of subspace; default: chosen by the fit",
+     OPTION_COUNT, AT(order), .low = 1, .high = 50, .must = "be a whole number from 1 to 50"},
+    {"output", 'o', "FILE", "Write the model to FILE, for a controller's \"model\"", OPTION_TEXT, AT(output)},
+    {"figure", 0, "NAME", "Draw NAME.svg and NAME.png: measured and modelled outputs", OPTION_TEXT,
      AT(figure)},
     {"suggest", 0, "TAU_C",
-     "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time",
+     "SIMC tuning of a PID loop for each pair, with the closed-loop time constant TAU_C in s; default: the "
+     "dead time",
      OPTION_OWN, .take = take_suggest_option, .optional = true},
     {"signals", 0, NULL,
      "No model, but figures of the signals: spread, extremes, the strongest period; with --json also "
@@ -137,24 +139,23 @@ static const struct option_spec own_options[] = {
      "spectrum, correlations, and pairs of points",
      OPTION_FLAG, AT(signals)},
     {"find", 0, "NAMES",
-     "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
+     "Estimate parameters of the plant's own model instead, as K,tau,dead_time, with 95 % confidence "
+     "intervals",
      OPTION_OWN, .take = take_find_option},
     {"likelihood", 0, "STATES",
-     "Of --find, or alone: by maximum likelihood, with the noise of the measurements and of STATES, of all "
-     "if none is named",
+     "Estimate by maximum likelihood, with --find or alone, with noise of the measurements and of STATES; "
+     "default: all states",
      OPTION_OWN, .take = take_likelihood_option, .optional = true},
     {"prior", 0, "LIST",
-     "Of --find: what is known of parameters beforehand, a mean and a standard deviation, as "
-     "K=2+-0.3,tau=10+-1",
+     "With --find: prior knowledge of parameters, mean and standard deviation, as K=2+-0.3,tau=10+-1",
      OPTION_OWN, .take = take_prior_option},
     {"profile", 0, NULL,
-     "Of --find with --likelihood: 95 % intervals by the profile likelihood, which need not lie evenly "
-     "around the value",
+     "With --find and --likelihood: 95 % confidence intervals by the profile likelihood, which may be "
+     "asymmetric",
      OPTION_FLAG, AT(profile)},
-    {"plant", 0, "FILE",
-     "Of --find: the experiment file that has the plant, where the record is no run folder", OPTION_TEXT,
-     AT(plant)},
-    {"force", 0, NULL, "Write over what is in these files", OPTION_FLAG, AT(force)},
+    {"plant", 0, "FILE", "With --find: the experiment file of the plant, if the record is not a run folder",
+     OPTION_TEXT, AT(plant)},
+    {"force", 0, NULL, "Overwrite these files", OPTION_FLAG, AT(force)},
     {0},
 };
 
@@ -165,7 +166,7 @@ static const struct cli_spec spec = {
            "them, are fitted together, each around an operating point of its own. The models are transfer "
            "functions of first or second order with dead time, difference equations (arx), a state space "
            "(subspace) and finite impulse responses (fir). Each is fitted to the first part of each record "
-           "and judged by the rest: how well its free run fits, and whether its errors are white and "
+           "and validated on the rest: how well its simulation fits, and whether its errors are white and "
            "independent of the inputs.",
     .takes = CLI_FORMAT,
     .min_args = 1,

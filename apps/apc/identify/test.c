@@ -91,38 +91,38 @@ static const struct option_spec own_options[] = {
     {"signal", 0, "KIND", "prbs (the default), steps, multisine or relay", OPTION_CHOICE, AT(kind),
      .choices = kinds, .must = "be prbs, steps, multisine or relay"},
     {"move", 0, "NAMES",
-     "Outputs, which go to Man meanwhile, or setpoints of loops in Auto, as v1,v2; default: all outputs",
+     "Outputs to move, in Man meanwhile, or setpoints of loops in Auto, as v1,v2; default: all outputs",
      OPTION_OWN, .take = take_moves},
     {"amplitude", 0, "[NAME=]X",
-     "How far to each side, in its unit; default: a tenth of its range, or what the noise asks for and the "
-     "guards allow",
+     "Amplitude to each side, in the signal's unit; default: a tenth of its range, or as the noise requires "
+     "and the guards allow",
      OPTION_OWN, .take = take_amplitude},
     {"guard", 0, "NAME=LOW..HIGH",
      "A measurement beyond these ends the test; default: its limits in the file", OPTION_OWN,
      .take = take_guard},
     {"settling", 0, "S",
-     "In which the plant comes to rest; default: of the file's model, else 60 periods of the controller",
+     "Settling time of the plant, in s; default: from the file's model, else 60 periods of the controller",
      OPTION_NUMBER, AT(settling), .low = 1e-6, .high = 1e9},
-    {"duration", 'd', "S", "Of the signal; default: 10 settling times", OPTION_NUMBER, AT(duration),
-     .low = 1e-6, .high = YEAR},
-    {"band", 0, "LOW..HIGH", "Of prbs and multisine, in Hz", OPTION_OWN, .take = take_band},
-    {"live", 0, NULL, "On the plant that runs in the store, which must be that of FILE", OPTION_FLAG,
+    {"duration", 'd', "S", "Duration of the test signal, in s; default: 10 settling times", OPTION_NUMBER,
+     AT(duration), .low = 1e-6, .high = YEAR},
+    {"band", 0, "LOW..HIGH", "Frequency band of prbs and multisine, in Hz", OPTION_OWN, .take = take_band},
+    {"live", 0, NULL, "Test the plant that runs in the store; it must be that of FILE", OPTION_FLAG,
      AT(live)},
     {"out", 'o', "DIR", "Run folder; default runs/NAME-test-TIME", OPTION_TEXT, AT(out)},
-    {"seed", 's', "N", "Of a simulated plant, instead of the file's", OPTION_WHOLE, AT(seed),
+    {"seed", 's', "N", "Seed of a simulated plant, instead of the file's", OPTION_WHOLE, AT(seed),
      .given = 1 + offsetof(struct test_options, seeded), .high = 0x1p53,
      .must = "be a whole number, 0 to 9007199254740992"},
-    {"net", 0, "SPEC", "Its network, over what the file says, as in apc simulate", OPTION_TEXT, AT(net)},
-    {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
+    {"net", 0, "SPEC", "Override the file's network, as in `apc simulate`", OPTION_TEXT, AT(net)},
+    {"set", 0, "PATH=VALUE", "Override a setting of the file; may be repeated", OPTION_OWN, AT(set),
      .take = setting_add},
-    {"force", 0, NULL, "Write over what is in that folder", OPTION_FLAG, AT(force)},
+    {"force", 0, NULL, "Overwrite that folder", OPTION_FLAG, AT(force)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "FILE\n--live [FILE]",
-    .doc = "Move the plant of experiment FILE, in virtual time or --live, so that apc identify can find its "
-           "model. The plant settles first. Then its outputs go to Man (or its loops stay in Auto and "
+    .doc = "Excite the plant of experiment FILE, in virtual time or --live, so that `apc identify` can find "
+           "its model. The plant settles first. Then its outputs go to Man (or its loops stay in Auto and "
            "setpoints move), and the test signal follows. At the end all goes back to how it was, also after "
            "a guard, a signal or an operator's change. The record is in a run folder. --live without FILE "
            "takes the plant of the run whose store it is.",
@@ -323,7 +323,7 @@ static int report_test_start(struct test *z, struct apc_error *why)
     if (!recorded)
         folder_discard(z->dir, &z->e);
     if (z->end == TEST_STOPPED)
-        puts("ended by a signal: this is what there is");
+        puts("ended by a signal: these are the results until then");
     else if (z->end != TEST_WHOLE && rc == 0)
         rc = apc_fail(why, code[z->end], "%s: the test ended there", z->why.text);
     return rc;

@@ -49,8 +49,7 @@ static int find_move(struct test *z, const char *name, struct test_move *m, stru
     if (z->own.live && move_takes_two(&z->e, m))
         return apc_fail(
             why, APC_EPERM,
-            "%s takes two persons, and one alone begins a test: take its second_person out of the "
-            "file for that time",
+            "%s needs two persons, and a test has one: take second_person out of the file for the test",
             m->name);
     for (const struct test_move *other = z->move; other < m; other++)
         if (other->loop == m->loop)

@@ -276,8 +276,8 @@ static int watch_test_limits(struct test *z)
         if (apc_status_severity(y->status) == APC_SEVERITY_BAD) {
             without = true;
         } else if (!(y->value >= g->low && y->value <= g->high)) {
-            apc_fail(&why, APC_ERANGE, "%s is %.6g, beyond its guards %g to %g", z->e.y[i].tag.name, y->value,
-                     g->low, g->high);
+            apc_fail(&why, APC_ERANGE, "%s is %.6g, outside its guards %g to %g", z->e.y[i].tag.name,
+                     y->value, g->low, g->high);
             return end_early(z, TEST_GUARDED, &why);
         }
     }
@@ -293,7 +293,7 @@ static int watch_test_limits(struct test *z)
             is_same_number(row_of(z, k, TEST_TARGET)->value, wanted))
             continue;
         m->taken = false; /* it is somebody else's */
-        apc_fail(&why, APC_EPERM, "somebody else has moved %s, or changed its mode", m->name);
+        apc_fail(&why, APC_EPERM, "another user has moved %s, or changed its mode", m->name);
         return end_early(z, TEST_TAKEN, &why);
     }
     return 0;

@@ -37,15 +37,17 @@ struct session {
 
 #define AT(member) .to = offsetof(struct alarm_options, member)
 static const struct option_spec own_options[] = {
-    {"all", 'a', NULL, "list: also what is normal; ack: all that is unacknowledged", OPTION_FLAG, AT(all)},
+    {"all", 'a', NULL, "list: also the normal ones; ack: all unacknowledged ones", OPTION_FLAG, AT(all)},
     {"for", 'f', "DURATION", "shelve: how long, as 30m or 2h; required", OPTION_TEXT, AT(for_)},
     {"once", 0, NULL, "shelve: only until it has returned to normal", OPTION_FLAG, AT(once)},
-    {"since", 0, "TIME", "journal, try: from then on, RFC 3339 or before now as -8h; try: by default -24h",
-     OPTION_TEXT, AT(since)},
-    {"until", 0, "TIME", "journal, try: before then; default: now", OPTION_TEXT, AT(until)},
+    {"since", 0, "TIME",
+     "journal, try: only from TIME on, RFC 3339 or before now as -8h; default of try: -24h", OPTION_TEXT,
+     AT(since)},
+    {"until", 0, "TIME", "journal, try: only before TIME; default: now", OPTION_TEXT, AT(until)},
     {"last", 0, "N", "journal: the newest N transitions", OPTION_TEXT, AT(last)},
-    {"figures", 0, NULL, "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it",
-     OPTION_FLAG, AT(figures)},
+    {"figures", 0, NULL,
+     "journal: numbers and rates of alarms, against the targets of ISA-18.2 and EEMUA 191", OPTION_FLAG,
+     AT(figures)},
     PAST_OPTION(struct alarm_options),
     {0},
 };
@@ -53,11 +55,10 @@ static const struct option_spec own_options[] = {
 static const struct cli_spec spec = {
     .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal\ntry "
                 "[NAME...]",
-    .doc =
-        "List the active alarms, or with --at those of then. Acknowledge them (and reset those that "
-        "latch), shelve them for some time, take them out of service and back in, or show the journal of "
-        "their transitions. Or try delays and deadbands of alarms, or of the five that came most often, on "
-        "the record: how often they would have come.",
+    .doc = "List the active alarms, or with --at those of that time. Acknowledge them (and reset those that "
+           "latch), shelve them for some time, take them out of service and back in, or show the journal of "
+           "their transitions. `try` applies other delays and deadbands to the record, for the alarms NAME "
+           "or the five most frequent ones, and counts how often each would have been raised.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,
@@ -496,8 +497,8 @@ static int await_wanted(struct session *s, struct wanted *w)
         puts(" (applied)");
         return EXIT_OK;
     case OUTCOME_SUPERSEDED:
-        return cli_error(&s->cli, APC_EPERM,
-                         "%s: superseded by what somebody else wanted: see apc alarm list", name);
+        return cli_error(&s->cli, APC_EPERM, "%s: superseded by another user's change: see apc alarm list",
+                         name);
     case OUTCOME_REFUSED:
         while (!alarm_summary_refusal(&s->summary, w->now, &w->request, s->store, text, sizeof text) &&
                apc_clock_mono(NULL) < end)
@@ -572,9 +573,8 @@ static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double 
     s->options.all = s->options.all && which == APC_ALARM_ACK;
     if (!s->cli.no_wait && !alarm_summary_lives(&s->summary, s->now)) {
         say_life(s);
-        return cli_error(
-            &s->cli, APC_EPERM,
-            "apc-alarms would not take it now. Nothing was written; --no-wait writes it all the same");
+        return cli_error(&s->cli, APC_EPERM,
+                         "apc-alarms would not take it now. Nothing was written; --no-wait writes it anyway");
     }
     return each(s, which, value);
 }

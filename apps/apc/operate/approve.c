@@ -12,19 +12,17 @@ struct approve_options {
 };
 
 static const struct option_spec approve_options[] = {
-    {"refuse", 'r', NULL, "It must not be written; who has asked for it may refuse it as well", OPTION_FLAG,
+    {"refuse", 'r', NULL, "Refuse the write; the person who requested it may refuse it too", OPTION_FLAG,
      .to = offsetof(struct approve_options, refuse)},
     {0},
 };
 
 static const struct cli_spec approve_spec = {
     .args_doc = "[VARIABLE|ID]",
-    .doc =
-        "Write what somebody else has asked for, where the experiment file has a `second_person`; with what "
-        "was asked for at once. VARIABLE is a name or TABLE.ID, such as setpoint.1: whatever of it waits "
-        "now. "
-        "ID, when it was asked for, as the list has it: that or nothing. Without either, list all that "
-        "waits.",
+    .doc = "Approve a write that another person has requested, in an experiment whose file sets "
+           "`second_person`; the writes of one request are approved together. VARIABLE, a name or TABLE.ID "
+           "such as setpoint.1, means its waiting write. ID, the time of the request in the list, means that "
+           "request and no later one. Without either, list all waiting writes.",
     .takes = CLI_STORE | CLI_WRITES,
     .max_args = 1,
     .options = approve_options,
@@ -78,7 +76,7 @@ static int approve(const struct cli *cli, struct apc_store *store, const struct 
         asked = 0;
     int err = operation_approve(&o, store, asked, cli->args[0], refuses, &approval, &why);
     if (err == 0 && refuses && (err = operation_refuse(&o, store, &why)) == 0)
-        printf("%s: refused, asked by %s\n", o.change[0].to.name, approval.asker);
+        printf("%s: refused, requested by %s\n", o.change[0].to.name, approval.asker);
     const int rc = err < 0 && strcmp(why.code, "store") == 0 ? cli_store_error(cli, err, store)
                    : err < 0                                 ? operate_fault(cli, &why)
                    : refuses                                 ? EXIT_OK

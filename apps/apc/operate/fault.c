@@ -11,16 +11,15 @@
 static const struct cli_spec spec = {
     .args_doc = "[start FAULT | stop FAULT]",
     .doc =
-        "List the faults of the plant of `apc run --speed`, and start or stop one at the plant's next tick. "
-        "FAULT is "
-        "its number in the list, or SIGNAL KIND [SETTING=NUMBER...] [when=CONDITION], of any measurement, "
-        "output, "
-        "disturbance or parameter. Kinds and settings are those of the experiment file, with at=SECONDS and "
-        "duration=SECONDS. A disturbance has the kind disturbance, a parameter the kind drift, both with "
-        "size. "
-        "CONDITION is `y > 21`, or `alarm NAME`. `plant power` is the power of all, `link lost` the plant's "
-        "connection; a controller is `hung`, or `killed` until it is started at the end. Nothing on the page "
-        "tells operators of it; the session repeats it at the same tick.",
+        "List the faults of the plant of `apc run --speed`, and start or stop one at the plant's next "
+        "tick. FAULT is its number in the list, or SIGNAL KIND [SETTING=NUMBER...] [when=CONDITION], of "
+        "any measurement, output, disturbance or parameter. Kinds and settings are those of the "
+        "experiment file, with at=SECONDS and duration=SECONDS. A disturbance has the kind disturbance, a "
+        "parameter the kind drift, both with size. CONDITION is `y > 21`, or `alarm NAME`. `plant power` "
+        "is the power supply of the whole plant, `link lost` the loss of its connection; a controller is "
+        "`hung`, "
+        "or `killed` until it is started at the end. The page does not show faults to operators. A repeated "
+        "session has the fault at the same tick.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = 16,
 };
@@ -69,7 +68,7 @@ static int list_faults(const struct cli *cli, const struct faults *f)
         put_fault_state(&t, f, i);
     }
     if (listed == 0)
-        puts("the experiment has no faults, and nobody has started any");
+        puts("the experiment has no faults, and none was started");
     return print_table_end(&t, stdout, cli_colour(), 0) < 0 ? EXIT_ERROR : EXIT_OK;
 }
 
@@ -118,7 +117,7 @@ int command_fault(int argc, char **argv)
     int rc = exit_code_of(cli_open(&cli, &store));
     int err = rc == EXIT_OK ? operate_simulated(&cli, &store, &clock, &why) : 0;
     if (err > 0 && cli.n_args > 0 && clock.rewind > 0)
-        err = apc_fail(&why, APC_ESTATE, "somebody takes the plant back: do this again once it stands there");
+        err = apc_fail(&why, APC_ESTATE, "the plant is being rewound: do this again when that is done");
     if (err > 0)
         err = faults_open(&f, store, &why);
     if (err < 0)

@@ -17,25 +17,24 @@ struct log_options {
 };
 
 static const struct option_spec log_options[] = {
-    {"of", 'f', "SIGNAL", "The signal that it is about; the entry begins with its name", OPTION_TEXT,
+    {"of", 'f', "SIGNAL", "The signal that the entry is about; the entry begins with its name", OPTION_TEXT,
      .to = offsetof(struct log_options, signal)},
-    {"sign", 0, NULL, "You have read what the shift before left, and take over", OPTION_FLAG,
-     .to = offsetof(struct log_options, signs)},
-    {"html", 0, NULL, "Print the log book to stdout, as an HTML page for paper", OPTION_FLAG,
+    {"sign", 0, NULL, "Sign the handover: you have read the previous shift's entries, and take over",
+     OPTION_FLAG, .to = offsetof(struct log_options, signs)},
+    {"html", 0, NULL, "Print the log book to stdout, as an HTML page for printing", OPTION_FLAG,
      .to = offsetof(struct log_options, html)},
-    {"since", 0, "TIME", "With --html: from then on, RFC 3339 or before now; default: -24h", OPTION_TEXT,
+    {"since", 0, "TIME", "With --html: only from TIME on, RFC 3339 or before now; default: -24h", OPTION_TEXT,
      .to = offsetof(struct log_options, since)},
-    {"until", 0, "TIME", "With --html: before then; default: now", OPTION_TEXT,
+    {"until", 0, "TIME", "With --html: only before TIME; default: now", OPTION_TEXT,
      .to = offsetof(struct log_options, until)},
     {0},
 };
 
 static const struct cli_spec log_spec = {
     .args_doc = "TEXT\n--html",
-    .doc =
-        "Enter TEXT in the log book of the plant under your name, one line of at most 180 bytes. It stands "
-        "among the events: the page shows it on the screen Log book, and `apc history --events` as well. The "
-        "same TEXT within a minute is one entry, but for programs that enter it at the same instant.",
+    .doc = "Enter TEXT in the log book of the plant under your name, one line of at most 180 bytes. The "
+           "entry is an event: the screen Log book of the page and `apc history --events` show it. The same "
+           "TEXT within a minute is one entry, except from programs that enter it at the same instant.",
     .takes = CLI_STORE,
     .max_args = 1,
     .options = log_options,

@@ -12,22 +12,20 @@
 static const struct cli_spec mode_spec = {
     .args_doc = "[LOOP|CONTROLLER] [man|auto|cas|oos]",
     .doc =
-        "Show the target mode and the actual one of each loop, of one, or of those of a controller; or "
-        "change "
-        "the target: of all without a name. A loop is called by its output, one that moves a setpoint "
-        "CONTROLLER.SETPOINT. Auto: the law controls. Cas: by the setpoint that the controller above writes. "
-        "Man: the output is the operator's; it stays where it is until `apc set` changes it. OOS: nothing "
-        "goes out. Waits until the loop is in it.",
+        "Show the target and actual mode of each loop, of one loop, or of a controller's loops; or change "
+        "the target mode, without a name that of all loops. A loop has the name of its output; a loop that "
+        "moves a setpoint is CONTROLLER.SETPOINT. Auto: the law makes the output. Cas: as Auto, with the "
+        "setpoint that the controller above writes. Man: the operator sets the output; it stays where it is "
+        "until `apc set` changes it. OOS: nothing goes out. The command waits until the loop is in the mode.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = 2,
 };
 
 static const struct cli_spec remote_spec = {
     .args_doc = "SETPOINT...",
-    .doc =
-        "Give a setpoint back to who moves it: to the controller above, and the target of its loop becomes "
-        "Cas, or to the scheduler, which writes the step that is due. `apc set SETPOINT VALUE` takes it. "
-        "Waits until it is moved.",
+    .doc = "Return a setpoint from Local to Remote. The controller above moves it again, and the target mode "
+           "of its loop becomes Cas; or the scheduler does, and writes the step that is due. `apc set "
+           "SETPOINT VALUE` makes it Local. The command waits until the setpoint is moved.",
     .takes = CLI_STORE | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,
@@ -347,9 +345,8 @@ static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant,
     else if (loops_scheduled(&plant->loops, id))
         g->setpoint[g->n++] = id;
     else
-        return cli_error(
-            cli, APC_EPERM,
-            "%s: neither a controller nor the scheduler moves it: there is nobody to give it back to", name);
+        return cli_error(cli, APC_EPERM,
+                         "%s: neither a controller nor the scheduler moves it: it is always Local", name);
     return EXIT_OK;
 }
 

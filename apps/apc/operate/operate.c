@@ -226,9 +226,8 @@ static int await_outcome(const struct cli *cli, struct apc_store *store, struct 
         show_written(o, OPERATE_PAUSED);
         return EXIT_OK;
     }
-    return rc < 0
-               ? cli_error(cli, rc, "written, but what became of it is not known: %s", apc_store_error(store))
-               : tell_all_changes(cli, o);
+    return rc < 0 ? cli_error(cli, rc, "written, but the outcome is not known: %s", apc_store_error(store))
+                  : tell_all_changes(cli, o);
 }
 
 static int carry_out(const struct cli *cli, struct apc_store *store, struct operation *o)

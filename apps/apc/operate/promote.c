@@ -11,9 +11,9 @@
 
 static const struct cli_spec spec = {
     .args_doc = "CONTROLLER",
-    .doc = "Have a controller act that is in shadow of another one, or was: the other one is then in shadow. "
-           "What goes out does not jump. Its loops have target modes and tuning of their own. Waits until it "
-           "acts.",
+    .doc = "Make CONTROLLER the active one of the controllers that act on the same outputs; the former one "
+           "is then in shadow. The outputs do not jump. Each controller's loops keep their own target modes "
+           "and tuning. The command waits until CONTROLLER acts.",
     .takes = CLI_STORE | CLI_WRITES,
     .min_args = 1,
     .max_args = 1,
@@ -70,7 +70,8 @@ static int await_turn(const struct cli *cli, struct apc_store *store, struct pro
         return cli_store_error(cli, rc, store);
     return p->choice.seq == mine
                ? EXIT_OK
-               : cli_error(cli, APC_ECONFLICT, "somebody else has promoted meanwhile: see apc status");
+               : cli_error(cli, APC_ECONFLICT,
+                           "another user has promoted a controller meanwhile: see apc status");
 }
 
 static int write_promotion(const struct cli *cli, struct apc_store *store, struct promotion *p)

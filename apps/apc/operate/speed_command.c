@@ -17,15 +17,12 @@
 
 static const struct cli_spec spec = {
     .args_doc = "[X | pause | max | step [N] | rewind SECONDS]",
-    .doc = "Show or change how fast the plant of `apc run --speed` is simulated: X plant seconds per second, "
-           "from 0 "
-           "to 1000, or as fast as the machine can. `pause` is 0; `step` makes the next N ticks of a paused "
-           "plant "
-           "(1), and returns when they are made. `rewind` goes back to SECONDS since the start, paused: what "
-           "people "
-           "did before that is done again, and the run as it was until now is kept beside its folder. A "
-           "speed that the machine cannot hold shows as a lower one "
-           "that was reached.",
+    .doc =
+        "Show or change how fast the plant of `apc run --speed` is simulated: X plant seconds per second, "
+        "from 0 to 1000, or as fast as the machine can. `pause` is 0; `step` runs the next N ticks (default: "
+        "1) of a paused plant, and returns when they are done. `rewind` goes back to SECONDS since the "
+        "start, paused: earlier actions of people are repeated, and the run so far is kept beside its "
+        "folder. If the machine is too slow for a speed, the lower speed that it reaches is shown.",
     .takes = CLI_STORE | CLI_FORMAT,
     .min_args = 0,
     .max_args = 2,
@@ -89,7 +86,7 @@ static int await_return(const struct cli *cli, struct apc_store **store, struct 
         was = clock->now;
         if (apc_clock_mono(NULL) - since > RETURN)
             return apc_fail(why, APC_ETIMEDOUT,
-                            "the plant did not come back within 60 s: see what its `apc run` says");
+                            "the rewind did not end within 60 s: see the messages of its `apc run`");
         nanosleep(&(struct timespec){.tv_nsec = 10 * APC_NS_PER_MS}, NULL);
     }
 }

@@ -25,11 +25,10 @@ struct options {
 #define AT(member) .to = offsetof(struct options, member)
 static const struct option_spec own_options[] = {
     {"spool", 0, "DIR",
-     "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
+     "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown even while the store is offline",
      OPTION_TEXT, AT(spools)},
     {"all", 0, NULL,
-     "Of all plants in the database that you may look at: a line each, with the age of the newest "
-     "measurement",
+     "One line for each plant in the database that you may read, with the age of the newest measurement",
      OPTION_FLAG, AT(all)},
     PAST_OPTION(struct options),
     {0},
@@ -43,8 +42,8 @@ static const struct cli_spec spec = {
            "and actual mode, with the reason where they differ, setpoint SP and its source, measurement PV, "
            "output OP and its limits. Predictive control also shows the result of the last plan, its solve "
            "time, and its active constraints. A measurement or output that was not written for 10 s, or for "
-           "three of its periods if that is longer, is STALE. With --at it is all as it was then; what is "
-           "known of the present only, as room and spools, is left out.",
+           "three of its periods if that is longer, is STALE. With --at, all is as of that time, without "
+           "what is known of the present only, such as disk space and spools.",
     .takes = CLI_STORE | CLI_FORMAT,
     .options = own_options,
 };
@@ -285,7 +284,7 @@ static void show_history(const struct status *s)
         printf("       the history has nothing yet: %llu rows wait for it\n",
                (unsigned long long)s->behind.rows);
     else if (s->has_history > 0 && s->behind.time < APC_NS_PER_S)
-        puts("       the history has all but what has just come");
+        puts("       the history has all but the newest rows");
     else if (s->has_history > 0)
         printf("       the history is %llu rows behind, %s\n", (unsigned long long)s->behind.rows,
                print_duration(s->behind.time, text));
@@ -443,7 +442,7 @@ int command_status(int argc, char **argv)
     if (options.all && options.at)
         return cli_usage(&cli, "--at shows one plant: leave --all out");
     if (cli.format == CLI_CSV)
-        return cli_usage(&cli, "--csv: a status is no table: take --json");
+        return cli_usage(&cli, "--csv: a status is not one table: use --json");
     if (options.all)
         return all_plants_show(&cli);
     store_name(cli.store, status.store, sizeof status.store);

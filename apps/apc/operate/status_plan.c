@@ -15,7 +15,7 @@ enum {
 }; /* limits and estimates stand behind them */
 
 static const char *const names[PLAN_ROWS] = {"result", "iterations", "solve_time", "objective"};
-static const char *const results[] = {"good", "sub-optimal", "late: the former plan goes on"};
+static const char *const results[] = {"good", "sub-optimal", "late: the former plan continues"};
 static const char *const limits[] = {"low", "high", "low rate limit", "high rate limit"};
 #define LIMITS (sizeof limits / sizeof *limits)
 static const struct {

@@ -20,8 +20,8 @@ static const struct option_spec get_options[] = {PAST_OPTION(struct get_options)
 
 static const struct cli_spec get_spec = {
     .args_doc = "[VARIABLE...]",
-    .doc = "Show the newest value of each VARIABLE, or of all that are described; with --at, as it was then. "
-           "A VARIABLE is a name or TABLE.ID, such as sensor.1.",
+    .doc = "Show the newest value of each VARIABLE, or of all described variables; with --at, the value at "
+           "that time. A VARIABLE is a name or TABLE.ID, such as sensor.1.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .options = get_options,
@@ -166,16 +166,16 @@ static void check_set_options(void *input, const struct argp_state *state)
 
 static const struct option_spec set_options[] = {
     {"confirm", 'c', NULL,
-     "A step of more than the `confirm` of its variable in the experiment file is meant", OPTION_FLAG,
+     "Confirm a step that is larger than the `confirm` of its variable in the experiment file", OPTION_FLAG,
      .to = offsetof(struct set_options, confirm)},
-    {"over", 'o', "SECONDS", "On a ramp: linearly from the value in force, in so many seconds", OPTION_NUMBER,
+    {"over", 'o', "SECONDS", "On a ramp: linearly from the present value, within this time", OPTION_NUMBER,
      .to = offsetof(struct set_options, over), .high = YEAR, .above = true,
      .must = "be seconds, above 0 up to 31622400"},
-    {"stop", 0, NULL, "End the ramp of each VARIABLE where it is; no VALUE is given then", OPTION_FLAG,
+    {"stop", 0, NULL, "End the ramp of each VARIABLE where it is; give no VALUE", OPTION_FLAG,
      .to = offsetof(struct set_options, stop)},
     {"from", 0, "TIME",
-     "Take again what was set at TIME, a time as of `apc get --at`: show what differs, and with --apply "
-     "write it",
+     "Return to the values of TIME, a time as of `apc get --at`: show the differences, and with --apply "
+     "write them",
      OPTION_TEXT, .to = offsetof(struct set_options, from)},
     {"apply", 0, NULL, "Write what --from shows, as one change", OPTION_FLAG,
      .to = offsetof(struct set_options, apply)},
@@ -184,18 +184,13 @@ static const struct option_spec set_options[] = {
 
 static const struct cli_spec set_spec = {
     .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]\n--stop VARIABLE...\n--from TIME [--apply] [NAME...]",
-    .doc =
-        "Write setpoints or, of loops in Man, outputs; several pairs in one transaction. A VARIABLE is a "
-        "name "
-        "or TABLE.ID, such as setpoint.1. A setpoint that another controller or the scheduler moves is taken "
-        "from it, until `apc remote`; its loop then goes from Cas to Auto. Waits until the controller has "
-        "it, and says what became of "
-        "it: applied, superseded or refused; where no controller ticks, nothing is written. A ramp is moved "
-        "by "
-        "the controller; it ends at its value, with a new write, and with --stop. With --from, tuning, modes "
-        "and setpoints become what they were at TIME, of all or of the loops, controllers and variables "
-        "NAME; "
-        "outputs stay.",
+    .doc = "Write setpoints, or outputs of loops in Man; several pairs are one transaction. A VARIABLE is a "
+           "name or TABLE.ID, such as setpoint.1. A setpoint that another controller or the scheduler moves "
+           "becomes Local until `apc remote`; its loop then goes from Cas to Auto. The command waits for the "
+           "controller and prints the outcome: applied, superseded or refused. If no controller runs, "
+           "nothing is written. The controller moves a ramp; it ends at its value, with a new write, or by "
+           "--stop. With --from, tuning, modes and setpoints return to those of TIME, for all or for the "
+           "loops, controllers and variables NAME; outputs stay.",
     .takes = CLI_STORE | CLI_NEGATIVE | CLI_WRITES,
     .max_args = -1,
     .options = set_options,
@@ -213,7 +208,7 @@ static const char *why_not(const struct cli_tags *tags, const char *name)
     case APC_SENSOR:
         return "measurements are written by the client only";
     case APC_ACTUATOR:
-        return "it is the output of no loop: nobody would put it out";
+        return "it is not the output of a loop, so no controller would write it to the plant";
     case APC_OPMODE:
         return loops_is_owner_id(id) ? "whose a setpoint is is changed with \"apc set\" and \"apc remote\""
                                      : "a mode is changed with \"apc mode man\", or \"apc mode LOOP man\"";
@@ -393,10 +388,9 @@ int command_set(int argc, char **argv)
 /* ---- undo --------------------------------------------------------------------------------- */
 
 static const struct cli_spec undo_spec = {
-    .doc =
-        "Take back your last write of a setpoint, an output, a mode or tuning, whether by apc or the page: "
-        "what was in force before is written again. It must have been within a minute, and nobody may have "
-        "written to it since. A second undo takes back the first.",
+    .doc = "Take back your last write of a setpoint, an output, a mode or tuning, by apc or the page: the "
+           "value before is written again. The write must be less than a minute old, and nobody may have "
+           "changed its variable since. A second undo takes back the first.",
     .takes = CLI_STORE | CLI_WRITES,
 };
 

@@ -22,9 +22,9 @@ struct watch_options {
 
 #define AT(member) .to = offsetof(struct watch_options, member)
 static const struct option_spec own_options[] = {
-    {"interval", 'i', "SECONDS", "Between two looks; default 1, at least 0.01", OPTION_NUMBER, AT(interval),
-     .low = 0.01, .high = 86400, .must = "be seconds, from 0.01 to 86400"},
-    {"count", 0, "N", "End after N looks; default: at Ctrl-C", OPTION_WHOLE, AT(count), .low = 1,
+    {"interval", 'i', "SECONDS", "Time between two polls; default 1, at least 0.01", OPTION_NUMBER,
+     AT(interval), .low = 0.01, .high = 86400, .must = "be seconds, from 0.01 to 86400"},
+    {"count", 0, "N", "End after N polls; default: at Ctrl-C", OPTION_WHOLE, AT(count), .low = 1,
      .high = 1e15, .must = "be a whole number from 1"},
     {0},
 };
@@ -33,7 +33,7 @@ static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
     .doc = "Follow the newest values of each VARIABLE, or of all measurements, setpoints, outputs and modes. "
            "On a terminal it is a table that keeps itself up to date; otherwise one line for each new sample "
-           "(with --json one object, with --csv one row). What comes and goes between two looks is not seen.",
+           "(with --json one object, with --csv one row). Changes between two polls are not shown.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .options = own_options,

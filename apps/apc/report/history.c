@@ -20,12 +20,12 @@ static const struct option_spec own_options[] = {
      "Only from TIME on: UTC as 2026-01-31T12:00:00Z, 2026-01-31T12:00 or 2026-01-31, or before now as 30s, "
      "10m, 2h, 1d; seconds alone as -600",
      OPTION_TEXT, AT(since)},
-    {"until", 0, "TIME", "Only before TIME, written in the same way", OPTION_TEXT, AT(until)},
+    {"until", 0, "TIME", "Only before TIME, in the same format", OPTION_TEXT, AT(until)},
     {"last", 'n', "N", "Only the newest N; default 20, or all when a time or --statistics is given",
      OPTION_WHOLE, AT(last), .low = 1, .high = 1e15, .must = "be a whole number from 1"},
-    {"events", 0, NULL, "Events instead of a variable's values", OPTION_FLAG, AT(events)},
+    {"events", 0, NULL, "Show events instead of values", OPTION_FLAG, AT(events)},
     {"statistics", 0, NULL,
-     "Number, minimum, mean, maximum and standard deviation of the values instead of each; Bad ones are only "
+     "Show number, minimum, mean, maximum and standard deviation instead of the values; Bad values are only "
      "counted",
      OPTION_FLAG, AT(statistics)},
     {0},
@@ -33,8 +33,8 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
-    .doc = "Show past values of each VARIABLE, oldest first, one after the other, and who wrote them where "
-           "people did; or events. Times are UTC.",
+    .doc = "Show past values of each VARIABLE, oldest first, with the author of values that people wrote; or "
+           "show events. Times are UTC.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .options = own_options,
@@ -280,7 +280,7 @@ int command_history(int argc, char **argv)
     if (options.events && (cli.n_args > 0 || options.statistics))
         return cli_usage(&cli, "expected a variable or --events, not both");
     if (options.statistics && cli.format == CLI_CSV)
-        return cli_usage(&cli, "--statistics has no CSV: take --json");
+        return cli_usage(&cli, "--statistics has no CSV: use --json");
     if (!options.events && cli.n_args == 0)
         return cli_usage(&cli, "expected a variable, or --events");
     if (cli_time(&cli, "since", options.since, &range.since) ||

@@ -25,13 +25,12 @@ static const struct option_spec own_options[] = {
      OPTION_TEXT, AT(from)},
     {"to", 0, "TIME", "The same until TIME", OPTION_TEXT, AT(to)},
     {"horizon", 0, "SECONDS",
-     "How far the least variance looks ahead; of a loop's dead time and a period more it is the Harris "
-     "index; default: 10 periods",
+     "How far the least variance looks ahead; with the loop's dead time plus a period the index is the "
+     "Harris index; default: 10 periods",
      OPTION_NUMBER, AT(horizon), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
     {"notify", 0, NULL,
-     "Write an event of kind \"health\" into --store for each loop whose health is another than the last one "
-     "told "
-     "within 30 days; apc-monitor@.timer does so every night",
+     "Write an event of kind \"health\" into --store for each loop whose health differs from that of its "
+     "last such event within 30 days; apc-monitor@.timer does so every night",
      OPTION_FLAG, AT(notify)},
     {0},
 };
@@ -39,12 +38,10 @@ static const struct option_spec own_options[] = {
 static const struct cli_spec spec = {
     .args_doc = "[RUN]",
     .doc =
-        "Judge each loop by its record, in run folder RUN or in the history of --store, the worst first. "
-        "Can its sensor be trusted? Does its valve stick? Does it swing, by itself or by something outside? "
-        "Do "
-        "deviations last? The index says how quiet it is beside the best that any controller could do: 1 is "
-        "the best. Judged is the longest time in service with one setpoint; less than 500 "
-        "ticks are too few.",
+        "Judge each loop by its record, in run folder RUN or in the history of --store, the worst first. Can "
+        "its sensor be trusted? Does its valve stick? Does it oscillate, by itself or by a disturbance? Do "
+        "deviations last? The index is the least variance that any controller could have, over the recorded "
+        "one: 1 is the best. The longest time in service with one setpoint is judged; it needs 500 ticks.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .max_args = 1,
     .options = own_options,
@@ -61,7 +58,7 @@ static int print_health(const struct kpis *m)
 {
     static const struct print_column columns[] = {
         {"loop", PRINT_LEFT},          {"health", PRINT_LEFT},    {"service %", PRINT_POINT},
-        {"at limits %", PRINT_POINT},  {"index", PRINT_POINT},    {"swing s", PRINT_POINT},
+        {"at limits %", PRINT_POINT},  {"index", PRINT_POINT},    {"oscillation s", PRINT_POINT},
         {"friction", PRINT_POINT},     {"travel/h", PRINT_POINT}, {"reversals/h", PRINT_POINT},
         {"ticks judged", PRINT_POINT},
     };

@@ -33,35 +33,35 @@ struct report_options {
 
 #define AT(member) .to = offsetof(struct report_options, member)
 static const struct option_spec own_options[] = {
-    {"json", 'J', NULL, "The figures as JSON on stdout, and draw nothing", OPTION_FLAG, AT(json)},
+    {"json", 'J', NULL, "JSON on stdout; draw nothing", OPTION_FLAG, AT(json)},
     {"from", 0, "TIME",
-     "The KPIs of the time from TIME on, and draw nothing: s since the start of the run; of a "
-     "store RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
+     "Only the KPIs, from TIME on, and draw nothing: s since the start of the run; of a store RFC 3339, or "
+     "before now, as -10m, -2h, -1d; default: a day before --to",
      OPTION_TEXT, AT(from)},
     {"to", 0, "TIME", "The same until TIME", OPTION_TEXT, AT(to)},
     {"at", 0, "TIME",
-     "What predictive laws expected at TIME and what came: a table instead of the figures of control, and "
-     "curves in report.png",
+     "Compare the predictions of predictive laws at TIME with the measurements that followed: a table "
+     "instead of the figures, and curves in report.png",
      OPTION_TEXT, AT(at)},
     {"html", 0, "FILE",
-     "Write a report as a page for paper: the loops' KPIs and trends, predictions, outages, alarms, "
-     "log book, what people wrote, what else happened. Of --store, or of the run's store; of a run "
-     "without one of its files, --from and --to in s. FILE may be a folder, and the page then has the "
-     "name of plant and day; -: stdout",
+     "Write a report for printing: the loops' KPIs and trends, predictions, outages, alarms, log book, "
+     "operators' writes, other events. It is made from --store or the run's store. If a run has none, it is "
+     "made from the run's files, with --from and --to in s. FILE may be a folder; the name is then that of "
+     "plant and day. -: stdout",
      OPTION_TEXT, AT(html)},
     {"day", 0, "DATE",
-     "Of a store: that day, as 2026-01-31, today or yesterday, of local time; instead of --from and --to",
+     "With a store: that day, in local time, as 2026-01-31, today or yesterday; instead of --from and --to",
      OPTION_TEXT, AT(day)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "[DIR]",
-    .doc = "Draw report.svg and report.png of the run folder DIR, from its CSV files. Print its "
-           "figures: how well each loop was controlled from each event to the next. Print its KPIs: time in "
-           "service and at limits, standard deviations in and out of service, and how well predictions came "
-           "true. Without DIR: the KPIs of the history of --store. A run that was killed has no samples.csv: "
-           "then samples first come from its store, DIR/store.db, else that of --store or APC_STORE.",
+    .doc = "Draw report.svg and report.png of the run folder DIR, from its CSV files. Print its figures: how "
+           "well each loop was controlled from each event to the next. Print its KPIs: time in service and "
+           "at limits, standard deviations in and out of service, and how well predictions came true. "
+           "Without DIR: the KPIs of the history of --store. A killed run has no samples.csv. It is then "
+           "made first, from the store DIR/store.db, else from that of --store or APC_STORE.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .max_args = 1,
     .options = own_options,

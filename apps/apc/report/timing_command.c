@@ -10,19 +10,17 @@
 
 static const struct option_spec own_options[] = {
     {"since", 0, "TIME",
-     "From TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d; default -1m: the loop as it runs",
+     "From TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d; default -1m: the present timing",
      OPTION_TEXT, .to = 0},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "[TASK...]",
-    .doc =
-        "Show for each task how late its ticks began (lateness), by how much the time between two differed "
-        "from the period (jitter) and how long they took (run), with the ticks that were missed. The "
-        "run of \"exchange\" is how long apc-client waited for the plant's replies; what it missed are "
-        "exchanges that "
-        "failed. --json has the histograms too.",
+    .doc = "Show for each task how late its ticks began (lateness), by how much the time between two ticks "
+           "differed from the period (jitter), how long they took (run), and how many were missed. For "
+           "\"exchange\", run is how long apc-client waited for the plant's replies, and missed counts "
+           "failed exchanges. --json adds the histograms.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .options = own_options,

@@ -16,20 +16,18 @@ struct why_options {
 
 #define AT(member) .to = offsetof(struct why_options, member)
 static const struct option_spec own_options[] = {
-    {"over", 0, "SECONDS", "Explain the move over so long a time until then, instead of one tick",
-     OPTION_NUMBER, AT(over), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
+    {"over", 0, "SECONDS", "Explain the move over this time until TIME, instead of one tick", OPTION_NUMBER,
+     AT(over), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "[RUN] OUTPUT[@TIME]",
-    .doc = "Why output OUTPUT moved at TIME, in run folder RUN or, without one, in the store; without TIME "
-           "at the "
-           "last tick. TIME is RFC 3339 or, of a folder, seconds since the start of the run or, in a store, "
-           "before "
-           "now as 30s, 10m, 2h, 1d. Each input that changed is held as it was before, and the tick computed "
-           "again: the difference is its effect. Only ticks that come out of the record bit for bit are "
-           "explained. A setpoint that a loop above moved is followed upwards.",
+    .doc = "Show why OUTPUT moved at TIME, in run folder RUN or, without one, in the store; without TIME at "
+           "the last tick. TIME is RFC 3339; in a folder it may be seconds since the start of the run, in a "
+           "store a time before now as 30s, 10m, 2h, 1d. For the effect of an input that changed, the tick "
+           "is computed again with its former value. Only ticks that the record reproduces bit for bit are "
+           "explained. If a loop above moved the setpoint, that loop is explained as well.",
     .takes = CLI_STORE | CLI_FORMAT,
     .min_args = 1,
     .max_args = 2,

@@ -6,10 +6,10 @@
 
 static const struct cli_spec spec = {
     .args_doc = "DIR",
-    .doc = "Store the rows that are left in the folder DIR. Daemons keep them in spools (*.spool) while the "
-           "store is away; the next start of such a daemon does the same. The rows in the memory of a run "
-           "that was killed go to its history, and the memory is freed. --store names the history, where the "
-           "folder does not.",
+    .doc =
+        "Store the rows that are left in the folder DIR. Daemons keep rows in spools (*.spool) while the "
+        "store is offline, and store them at their next start as well. Rows in the shared memory of a killed "
+        "run go to its history, and the memory is freed. --store names the history if the folder does not.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .min_args = 1,
     .max_args = 1,

@@ -36,9 +36,9 @@ static void check_run_options(void *input, const struct argp_state *state)
             : o->hold_latency ? "--hold-latency"
                               : "--history");
     if ((o->from > 0 || o->from_store[0]) && !o->pace)
-        argp_error(state, "--from: what was in real time does not come again: expected with --speed");
+        argp_error(state, "--from: a run in real time cannot continue from the past: give --speed as well");
     if (o->spin && o->timer && !strcmp(o->timer, "posix"))
-        argp_error(state, "--spin: the executive posix cannot spin: take --timer deadline");
+        argp_error(state, "--spin: the executive posix cannot spin: use --timer deadline");
 }
 
 /* SECONDS, or STORE@TIME. */
@@ -65,8 +65,8 @@ static const char *const timers[] = {"deadline", "posix", NULL};
 
 #define AT(member) .to = offsetof(struct run_options, member)
 static const struct option_spec own_options[] = {
-    {"duration", 'd', "SECONDS", "How long to run instead of the file's duration; 0: until Ctrl-C",
-     OPTION_NUMBER, AT(duration), .high = YEAR, .must = "be seconds, from 0 to 31622400"},
+    {"duration", 'd', "SECONDS", "Duration in s, instead of the file's; 0: until Ctrl-C", OPTION_NUMBER,
+     AT(duration), .high = YEAR, .must = "be seconds, from 0 to 31622400"},
     {"out", 'o', "DIR", "Run folder; default runs/NAME-TIME", OPTION_TEXT, AT(out)},
     {"force", 0, NULL, "Overwrite what is in the run folder", OPTION_FLAG, AT(force)},
     {"history", 0, "URI",
@@ -74,13 +74,12 @@ static const struct option_spec own_options[] = {
      "be unavailable for a while, also at the start",
      OPTION_TEXT, AT(history)},
     {"speed", 0, "X",
-     "Simulate all of it in this one process, X plant seconds per second, 0 (paused) to 1000, or max; `apc "
-     "speed` "
-     "changes it",
+     "Simulate everything in this one process, X plant seconds per second, 0 (paused) to 1000, or max; `apc "
+     "speed` changes it",
      OPTION_TEXT, AT(pace)},
     {"from", 0, "TIME",
-     "With --speed: go on from what was at TIME, in seconds, in the run whose folder FILE is, or in a store, "
-     "STORE@TIME (RFC 3339, or before now as -10m), without touching it",
+     "With --speed: continue from the state at TIME (s) of the run folder FILE, or in a store, STORE@TIME "
+     "(RFC 3339, or before now as -10m); the record is only read",
      OPTION_OWN, .take = take_start},
     {"timer", 't', "NAME", "Executive of all daemons: deadline (default) or posix", OPTION_TEXT, AT(timer),
      .choices = timers, .must = "be deadline or posix"},
@@ -100,18 +99,17 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc = "Run the experiment FILE, or that of a run folder again, in real time. Start its plant, client, "
-           "controllers and scheduler as processes, serve the operator's page, and show one live line. Stop "
-           "them all at the end or on Ctrl-C, and leave a run folder with report.png, report.svg and "
-           "samples.csv. Tuning and mode are set to the file's; missing tables are made. Without --store and "
-           "APC_STORE the shared data are in memory of this run's own, and apc-historian moves the record on "
-           "into a file of the run folder, store.db, or to --history. With --store alone, that store is "
-           "both. If the loop was not under control, the exit code is 1, and the reason is printed. Reasons: "
-           "the plant got no command or only fault values, or the loop was open for longer than its "
-           "controllers' hold, or again and again. Also: a daemon of the loop hung or crashed, or rows are "
-           "missing in the record. A run folder that is not empty, and a store that another experiment has "
-           "filled, are "
-           "refused.",
+    .doc =
+        "Run the experiment FILE, or that of a run folder again, in real time. Start its plant, client, "
+        "controllers and scheduler as processes, serve the operator's page, and show one live line. Stop "
+        "them all at the end or on Ctrl-C, and leave a run folder with report.png, report.svg and "
+        "samples.csv. Tuning and mode are set to the file's; missing tables are made. Without --store and "
+        "APC_STORE the shared data are in shared memory of this run only, and apc-historian moves the record "
+        "to the file store.db of the run folder, or to --history. With --store alone, that store is both. If "
+        "the loop was not under control, the exit code is 1, and the reason is printed. Reasons: the plant "
+        "got no command or only fault values, or the loop was open for longer than its controllers' hold, or "
+        "again and again. Also: a daemon of the loop hung or crashed, or rows are missing in the record. "
+        "`apc run` refuses a run folder that is not empty, and a store of another experiment.",
     .takes = CLI_STORE | CLI_OWN_STORE | CLI_MAKES_STORE,
     .min_args = 1,
     .max_args = 1,

@@ -162,7 +162,7 @@ static int leave_run_report(struct run *r)
         apc_fail(&r->failure, APC_ESTATE, "the record cannot be read: %.400s", why.text);
     if (rc >= 0 && drained < 0) {
         rc = drained;
-        apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
+        apc_fail(&why, rc, "a spool with waiting rows is damaged: see %s", r->dir);
     }
     if (drained == 0 || drained == APC_EPROTO) {
         segment_remove(&r->segment);

@@ -88,7 +88,7 @@ static int prepare_history(struct run *r)
         return rc;
     rc = cli_init(&cli, history);
     if (!r->own_history[0] && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL)) {
-        fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
+        fprintf(stderr, "the history is offline: %s; the record is kept in memory until it comes\n",
                 apc_store_error(history));
         (void)apc_store_take_over(r->store, history, &why); /* numbers that lie above its */
         rc = 0;

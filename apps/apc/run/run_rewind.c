@@ -123,11 +123,11 @@ static void go_on_rewound(const struct run *r, const char *aside, apc_ns to)
         argv[n++] = "--no-ui";
     argv[n++] = "--";
     argv[n] = aside;
-    printf("going back to %s s; what was until now is in %s\n", from, aside);
+    printf("going back to %s s; the run so far is in %s\n", from, aside);
     fflush(stdout);
     if (hand_over_run(r) == 0)
         execv("/proc/self/exe", args.to);
-    cli_error(&r->cli, APC_ESYS, "the run cannot go on from %s s: %s; what was is in %s", from,
+    cli_error(&r->cli, APC_ESYS, "the run cannot continue from %s s: %s; the run so far is in %s", from,
               strerror(errno), aside);
 }
 

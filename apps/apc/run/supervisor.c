@@ -480,8 +480,7 @@ int supervisor_stop(struct supervisor *s, struct apc_error *why)
             ended(s, child);
         }
         if (killed)
-            rc = apc_fail(why, APC_ESTATE, "%s did not end when it was told to, and was killed",
-                          title_of(child));
+            rc = apc_fail(why, APC_ESTATE, "%s did not end on request, and was killed", title_of(child));
         else if (child->status != 0 && !child->aside) {
             how_it_ended(child, why);
             rc = APC_ESTATE;

@@ -213,7 +213,7 @@ int summary_print(const struct campaign *c, struct apc_error *why)
     } else if (rc == 0) {
         rc = print_table(c, all, sizeof all / sizeof *all, NULL, &column);
         if (rc == 0 && c->former) {
-            fprintf(c->options->talk, "beside %s, run by run of the same seed:\n", c->options->against);
+            fprintf(c->options->talk, "compared with %s, seed by seed:\n", c->options->against);
             rc = print_table(c, paired, sizeof paired / sizeof *paired, c->former, &column);
         }
         print_endless(c);

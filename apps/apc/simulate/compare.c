@@ -264,12 +264,13 @@ static int print_all(const struct comparison *z, FILE *out)
     int rc = 0;
     if (z->c->unchanged) {
         fprintf(out,
-                "unchanged from %g s on, simulated, beside what was recorded: so far it explains the run\n",
+                "unchanged, simulated from %g s on, compared with the record: so far the model explains the "
+                "run\n",
                 z->c->from);
         rc = print_comparison(z, true, out);
     }
     if (rc == 0 && z->c->from > 0)
-        fprintf(out, "otherwise from %g s on, beside what was recorded\n", z->c->from);
+        fprintf(out, "changed from %g s on, compared with the record\n", z->c->from);
     return rc < 0 ? rc : print_comparison(z, false, out);
 }
 

@@ -34,7 +34,7 @@ static void check_replay_options(void *input, const struct argp_state *state)
     const struct replay_options *o = input;
     if (o->virtually && (o->csv || o->overrides.law || o->set.n > 0 || o->tolerance >= 0 || o->since ||
                          o->until || o->controller || o->json || o->jobs))
-        argp_error(state, "--virtual: goes with no other option");
+        argp_error(state, "--virtual: cannot be combined with other options");
     if (o->closed && (o->virtually || o->csv || o->tolerance >= 0 || o->controller || o->jobs ||
                       (!o->overrides.law && o->set.n == 0)))
         argp_error(state, "--closed: goes with --law and --set, which say what is to be another, --since, "
@@ -52,46 +52,40 @@ static const struct option_spec own_options[] = {
      "controllers: CONTROLLER=NAME",
      OPTION_TEXT, AT(overrides.law), .once = "only one law at a time"},
     {"set", 0, "PATH=VALUE",
-     "A setting other than the record's, as controllers.base.v1.Kp=2, any number of times; the experiment's "
-     "own "
-     "tuning "
-     "applies, not the recorded one",
+     "Override a setting of the record, as controllers.base.v1.Kp=2; may be repeated; the experiment's own "
+     "tuning applies, not the recorded one",
      OPTION_OWN, AT(set), .take = setting_add},
-    {"since", 0, "TIME", "Ticks from then on, UTC as 2026-01-31T12:00:00Z, or before now as 10m, 2h, 1d",
+    {"since", 0, "TIME", "Only ticks from TIME on, UTC as 2026-01-31T12:00:00Z, or before now as 10m, 2h, 1d",
      OPTION_TEXT, AT(since)},
-    {"until", 0, "TIME", "Ticks before then", OPTION_TEXT, AT(until)},
-    {"controller", 0, "NAME", "This controller alone", OPTION_TEXT, AT(controller)},
-    {"jobs", 'j', "N", "Processes; default: one a CPU. The answer does not depend on it", OPTION_COUNT,
-     AT(jobs), .low = 1, .high = 1024, .must = "be 1 to 1024"},
-    {"json", 0, NULL, "The same as JSON", OPTION_FLAG, AT(json)},
-    {"tolerance", 0, "U", "End with code 1 when an output differs by more", OPTION_NUMBER, AT(tolerance),
-     .high = DBL_MAX, .must = "be a number, 0 or above"},
-    {"csv", 0, "FILE", "Write time,loop,recorded,replayed there; - is stdout", OPTION_TEXT, AT(csv)},
-    {"virtual", 0, NULL, "Simulate the run again instead, and name the first tick that differs", OPTION_FLAG,
+    {"until", 0, "TIME", "Only ticks before TIME", OPTION_TEXT, AT(until)},
+    {"controller", 0, "NAME", "Only this controller", OPTION_TEXT, AT(controller)},
+    {"jobs", 'j', "N", "Number of processes; default: one per CPU. The result does not depend on it",
+     OPTION_COUNT, AT(jobs), .low = 1, .high = 1024, .must = "be 1 to 1024"},
+    {"json", 0, NULL, "JSON on stdout", OPTION_FLAG, AT(json)},
+    {"tolerance", 0, "U", "Exit code 1 if an output differs by more than U, in its unit", OPTION_NUMBER,
+     AT(tolerance), .high = DBL_MAX, .must = "be a number, 0 or above"},
+    {"csv", 0, "FILE", "Write time,loop,recorded,replayed to FILE; - is stdout", OPTION_TEXT, AT(csv)},
+    {"virtual", 0, NULL, "Simulate the run again instead, and show the first tick that differs", OPTION_FLAG,
      AT(virtually)},
     {"closed", 0, NULL,
-     "In closed loop with the model of the plant: what would have been with --law and --set, beside the "
-     "record",
+     "Simulate the closed loop with the plant's model, with --law and --set, and compare it with the record",
      OPTION_FLAG, AT(closed)},
     {"figure", 0, "NAME",
-     "Of one run or store: draw NAME.svg and NAME.png: recorded and replayed outputs around the first that "
-     "differs; of --closed all signals",
+     "With one run or store: draw recorded and replayed outputs around the first difference, as NAME.svg and "
+     "NAME.png; with --closed all signals",
      OPTION_TEXT, AT(figure)},
-    {"force", 0, NULL, "Write over what is in that file", OPTION_FLAG, AT(force)},
+    {"force", 0, NULL, "Overwrite that file", OPTION_FLAG, AT(force)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "[RUN|STORE]...",
-    .doc =
-        "Repeat each controller of run folder RUN from what its ticks were made from, and report how what it "
-        "does differs from what was recorded. Without --law it is the law that ran: then all of each tick "
-        "has "
-        "to come out again, bit for bit; the first tick that does not is named, and why. Of stores and of "
-        "several runs: their ticks over restarts and changes of tuning, mode, law and settings, in parallel. "
-        "The code is then 1 when a tick differs or none could be replayed, unless --law, --set or "
-        "--tolerance "
-        "say what else is wanted.",
+    .doc = "Recalculate each controller of run folder RUN from the recorded inputs of its ticks, and report "
+           "how its outputs differ from the record. Without --law the law of the run is used, and each tick "
+           "must come out bit for bit; the first one that does not is shown, with the cause. With stores and "
+           "with several runs, their ticks are replayed in parallel, across restarts and changes of tuning, "
+           "mode, law and settings. The exit code is then 1 if a tick differs or none could be replayed, "
+           "unless --law, --set or --tolerance say what else is wanted.",
     .takes = CLI_STORE,
     .max_args = -1,
     .options = own_options,
@@ -330,7 +324,7 @@ static void explain_source(const struct replay_command *c, struct source *s, str
         rc = is_candidate(c) ? differs_of_candidate(&s->differs, &range, of.name, of.time, of.since, &why)
                              : differs_of_record(&s->differs, &range, of.name, of.time, &why);
     if (rc < 0)
-        snprintf(s->differs.unknown, sizeof s->differs.unknown, "why cannot be told: %.250s", why.text);
+        snprintf(s->differs.unknown, sizeof s->differs.unknown, "the cause is not known: %.250s", why.text);
     s->differs.time = of.time;
     apc_store_close(s->store);
     s->store = NULL;
@@ -543,7 +537,7 @@ static void print_unreplayed(const struct replay_command *c, const char *name, c
 {
     char time[APC_TIME_LEN];
     if (f->begins)
-        fprintf(c->talk, "%s: what its tick at %s went on from is not on record\n", name,
+        fprintf(c->talk, "%s: the state before its tick at %s is not on record\n", name,
                 apc_time_format(f->begins, time));
     if (f->lost)
         fprintf(c->talk, "%s: %llu ticks cannot be replayed: the record lacks rows. The first: %s\n", name,
@@ -724,7 +718,7 @@ static int replay_closed(struct replay_command *c)
     for (size_t i = 0; i < c->options.set.n; i++)
         if (strncmp(c->options.set.at[i].path, "controller", strlen("controller")) != 0)
             exit(cli_usage(&c->cli,
-                           "--closed: %s: only settings of controllers may be others, as controller.Kp",
+                           "--closed: %s: only settings of controllers may be changed, as controller.Kp",
                            c->options.set.at[i].path));
     json_add(&json, "{runs:[");
     for (size_t i = 0; i < c->n && rc == 0; i++)

@@ -89,52 +89,51 @@ static void check_simulate_options(void *input, const struct argp_state *state)
 
 #define AT(member) .to = offsetof(struct simulate_options, member)
 static const struct option_spec own_options[] = {
-    {"seed", 's', "N", "Of everything random, 0 to 2^64 - 1, instead of the file's", OPTION_WHOLE, AT(seed),
-     .given = 1 + offsetof(struct simulate_options, seeded), .high = 0x1p64,
+    {"seed", 's', "N", "Seed of all random numbers, 0 to 2^64 - 1, instead of the file's", OPTION_WHOLE,
+     AT(seed), .given = 1 + offsetof(struct simulate_options, seeded), .high = 0x1p64,
      .must = "be a whole number, 0 to 18446744073709551615"},
-    {"duration", 'd', "SECONDS", "How long to simulate instead of the file's duration", OPTION_NUMBER,
+    {"duration", 'd', "SECONDS", "Simulated time, in s, instead of the file's duration", OPTION_NUMBER,
      AT(duration), .above = true, .high = YEAR, .must = "be seconds, above 0 up to 31622400"},
-    {"csv", 0, "FILE", "Write the samples (of --runs: the figures of each run) there; - is stdout",
+    {"csv", 0, "FILE", "Write the samples (with --runs: the figures of each run) to FILE; - is stdout",
      OPTION_TEXT, AT(csv)},
-    {"report", 'o', "DIR", "Leave a run folder there, with its figure", OPTION_TEXT, AT(report)},
-    {"force", 0, NULL, "Write over what is in that folder or file", OPTION_FLAG, AT(force)},
+    {"report", 'o', "DIR", "Make the run folder DIR, with its figure", OPTION_TEXT, AT(report)},
+    {"force", 0, NULL, "Overwrite that folder or file", OPTION_FLAG, AT(force)},
     {"net", 0, "SPEC",
-     "The network, over what the file says: "
+     "Override the file's network: "
      "delay=normal(0.004,0.001),jitter=...,loss=0.01,duplication=...,reordering=...,bandwidth=1e6,outage=10-"
      "12; times in seconds, bandwidth in bit/s",
      OPTION_TEXT, AT(net)},
-    {"compare", 0, "RUN", "Lay the samples of run folder RUN over those of the simulation", OPTION_TEXT,
+    {"compare", 0, "RUN", "Compare the simulation with the samples of run folder RUN", OPTION_TEXT,
      AT(compare)},
     {"from", 0, "RUN@TIME",
-     "Go on from the state at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before now "
-     "as -10m). Until then it is the run, from then on FILE, with another law, tuning, setpoint, disturbance "
-     "or fault. The result is laid over the record",
+     "Continue from the state at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before "
+     "now as -10m). Until TIME it is the run, then FILE, with another law, tuning, setpoint, disturbance or "
+     "fault. The result is compared with the record",
      OPTION_OWN, AT(from), .take = take_from},
     {"set", 0, "PATH=VALUE",
-     "A setting other than the file's, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); any "
-     "number of times",
+     "Override a setting of the file, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); may be "
+     "repeated",
      OPTION_OWN, AT(set), .take = setting_add},
-    {"sweep", 0, "PATH=FROM..TO:N", "N values of a number, evenly: a table of IAE, overshoot and effort",
-     OPTION_OWN, AT(sweep), .take = take_sweep},
+    {"sweep", 0, "PATH=FROM..TO:N",
+     "Sweep a number over N evenly spaced values: a table of IAE, overshoot and control effort", OPTION_OWN,
+     AT(sweep), .take = take_sweep},
     {"figure", 0, "NAME",
-     "Of a sweep, or of what --compare or --from compares: draw it as NAME.svg and NAME.png", OPTION_TEXT,
+     "Draw the sweep, or the comparison of --compare or --from, as NAME.svg and NAME.png", OPTION_TEXT,
      AT(figure)},
     {"runs", 'n', "N", "A campaign over N seeds from --seed on, with a summary", OPTION_COUNT, AT(runs),
      .low = 1, .high = 1000000, .must = "be 1 to 1000000"},
-    {"against", 0, "FILE",
-     "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv",
+    {"against", 0, "FILE", "Compare a campaign with another one, seed by seed: FILE is the --csv of that one",
      OPTION_TEXT, AT(against)},
-    {"json", 0, NULL, "The figures as JSON on stdout, and what else is said on stderr", OPTION_FLAG,
-     AT(json)},
-    {"jobs", 'j', "N", "Processes of a campaign; default: one a CPU", OPTION_COUNT, AT(jobs), .low = 1,
-     .high = 1024, .must = "be 1 to 1024"},
+    {"json", 0, NULL, "The figures as JSON on stdout, and all other output on stderr", OPTION_FLAG, AT(json)},
+    {"jobs", 'j', "N", "Number of processes of a campaign; default: one per CPU", OPTION_COUNT, AT(jobs),
+     .low = 1, .high = 1024, .must = "be 1 to 1024"},
     {"law", 0, "NAME",
      "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
      "several controllers: CONTROLLER=NAME",
      OPTION_TEXT, AT(overrides.law), .once = "only one law at a time"},
     {"model", 0, "MODELFILE",
      "Model file that the controller computes with, instead of the file's model or operating point; the "
-     "plant stays what it is. Of several controllers: CONTROLLER=MODELFILE",
+     "plant stays the same. Of several controllers: CONTROLLER=MODELFILE",
      OPTION_TEXT, AT(overrides.model_file),
      .once = "of one controller only; of others --set controllers.NAME.model=FILE"},
     {"plant", 0, "NAME", "Model instead of the file's: built in, or ./file.so; its own parameters apply",
@@ -146,7 +145,8 @@ static const struct cli_spec spec = {
     .args_doc = "FILE",
     .doc = "Run the experiment FILE in virtual time, in one process, with the modules, laws and plants of "
            "`apc run`. A run folder instead of FILE: its experiment, with the settings that were in force "
-           "there. The network may be as bad as you like. The same seed gives the same samples bit for bit.",
+           "there. Delay, loss and outages of the network are simulated as well. The same seed gives the "
+           "same samples bit for bit.",
     .min_args = 1,
     .max_args = 1,
     .options = own_options,
@@ -400,7 +400,7 @@ static void tell_operation(const struct simulate *r)
     const unsigned long long n = folder_operated(&r->e, false);
 
     if (r->written.n > 0)
-        fprintf(r->talk, "what people wrote in that run is written again at the same ticks: %zu values\n",
+        fprintf(r->talk, "the operators' writes of that run are repeated at the same ticks: %zu values\n",
                 r->written.n);
     else if (n > 0)
         fprintf(r->talk,
@@ -417,8 +417,8 @@ static void tell_left_out(const struct simulate *r)
     struct apc_error why;
     if (simulation_written(&r->e, &written, &why) > 0 && written.n > 0)
         fprintf(r->talk,
-                "what people wrote in that run, %zu value%s, is not written in these: without --runs and "
-                "--sweep it is\n",
+                "the operators' writes of that run, %zu value%s, are not repeated in these: without --runs "
+                "and --sweep they are\n",
                 written.n, PLURAL(written.n));
     else
         tell_operation(r);
@@ -556,7 +556,7 @@ static int simulate_once(struct simulate *r)
                           : simulation_stream(&r->s, r->e.duration, put_simulated_samples, &sink);
     print_speed(r, apc_clock_mono(NULL) - began - sink.took);
     if (r->s.interrupted)
-        fprintf(r->talk, "ended by a signal at t = %.10g s: this is what there is\n", r->s.ended);
+        fprintf(r->talk, "ended by a signal at t = %.10g s: these are the results until then\n", r->s.ended);
     tell_operation(r);
     print_parameters(r);
     print_tasks(r);

@@ -11,7 +11,7 @@ from .native import check, ffi, lib, text, utf8, why
 
 
 class Alarm(NamedTuple):
-    """How an alarm stands."""
+    """The state of an alarm."""
 
     name: str
     state: str  #: of ISA-18.2: "Normal", "Unacknowledged Active", "Acknowledged Active", ...
@@ -72,7 +72,7 @@ class Board:
             if fate == lib.APC_FATE_APPLIED:
                 return
             if fate == lib.APC_FATE_SUPERSEDED:
-                raise error(lib.APC_ECONFLICT, f"{name}: superseded by what somebody else wanted")
+                raise error(lib.APC_ECONFLICT, f"{name}: superseded by another user's change")
             late = monotonic() > until
             if fate == lib.APC_FATE_REFUSED and (late or demand.text[0] != b"\0"):
                 raise error(lib.APC_EPERM, f"refused: {text(demand.text) or f'{name}: see the events'}")

@@ -40,7 +40,7 @@ def array(owner: Any, column: str, n: int) -> Any:
 
 
 def doubles(what: str, value: Any, *shape: int, infinite: bool = False) -> Any:
-    """A new C-ordered array of float64 of that shape, of finite numbers, from whatever NumPy takes. A number stands for
+    """A new C-ordered array of float64 of that shape, of finite numbers, from all that NumPy accepts. A number stands for
     an array of one."""
     import numpy as np
 

@@ -130,7 +130,7 @@ class Simulation:
 
     def do(self, what: str, name: str) -> None:
         """To a controller: "kill", as kill -9 does, "start" it again, "promote" it out of the shadow; to a setpoint:
-        "local", take it from who moves it, and "remote", give it back."""
+        "local" makes it Local, and "remote" lets the controller above or the scheduler move it again."""
         with self._owned as s:
             self._check(s, lib.apc_simulation_do(s, utf8("what", what), utf8("name", name)))
 

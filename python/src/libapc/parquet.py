@@ -37,7 +37,7 @@ class Archived(NamedTuple):
 
 
 def archive(store: Store, folder: Union[str, "os.PathLike[str]"], keep: Optional[float] = None) -> Archived:
-    """Write what `store` has got since the last call into `folder`, partitioned by table and day (UTC). Each file is read
+    """Write the new rows of `store` since the last call into `folder`, partitioned by table and day (UTC). Each file is read
     back and compared before it counts. With `keep`, in days, all files of the archive are checked against their SHA-256
     and number of rows, and only then samples, vectors and events that are older are dropped from the store."""
     is_a(Store, "store", store)

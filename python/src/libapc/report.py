@@ -16,7 +16,7 @@ _CODE = {2: lib.APC_EINVAL, 3: lib.APC_ECONN, 4: lib.APC_EPERM, 5: lib.APC_ETIME
 
 
 def page(folder: list[str], store: str, since: Any, until: Any) -> str:
-    """The page of a run folder, or else of a store, whose URI may hold a password and stands in no command line."""
+    """The report of a run folder, or else of a store, whose URI may hold a password and is in no command line."""
     own = Path(__file__).with_name("bin") / "apc"  # the wheel's
     program = str(own) if own.exists() else shutil.which("apc")
     if program is None:

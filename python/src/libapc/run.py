@@ -55,7 +55,7 @@ class Run:
         return Experiment(self.folder)
 
     def store(self) -> Store:
-        """The store of the run: live as well while it goes on. A simulation has none."""
+        """The store of the run, also while it runs. A simulation has none."""
         live, history = self._said.get("live", ""), self._said.get("store", "").split(" (")[0]
         if (self.folder / "store.db").exists():
             history = f"sqlite:{self.folder.resolve()}/store.db"

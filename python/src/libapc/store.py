@@ -73,7 +73,7 @@ class History(NamedTuple):
         return pandas.DataFrame({"value": self.value, "status": self.status}, index=utc(self.time, "time"), copy=False)
 
     def table(self) -> Table:
-        """Time, value, status, seq and origin, for whoever takes Arrow: `polars.DataFrame(history.table())`."""
+        """Time, value, status, seq and origin, for libraries that read Arrow: `polars.DataFrame(history.table())`."""
         return Table([Column(name, getattr(self, name)) for name in ("time", "value", "status", "seq", "origin")])
 
     def to_arrow(self) -> Any:
@@ -104,7 +104,7 @@ class Store:
     _uri = ""  #: by which other processes find it
 
     def __init__(self, uri: str, name: str = "python", timeout: float = 2.0) -> None:
-        """`name` says who writes; `timeout` in s is of every operation. It connects when it has to."""
+        """`name` is the author of writes; `timeout` in s applies to each operation. It connects when needed."""
         out, reason, called = ffi.new("struct apc_store **"), why(), ffi.new("char[]", utf8("name", name))
         options = ffi.new("struct apc_store_options *")
         options.size, options.name, options.timeout = ffi.sizeof(options[0]), called, timeout_ns(timeout)
@@ -238,9 +238,9 @@ class Store:
               confirm: bool = False, over: Optional[float] = None) -> Value:
         """Write a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as `apc set` and
         `apc tune` do, and wait until its controller has taken it: for three of its periods and 2 s. Returns what is in
-        force. `LimitError`: it lies outside its limits. `RefusedError`: the controller refused it, or nobody ticks who
-        would apply it; then nothing was written. `ConflictError`: somebody wrote after it. `TimedOut`: it was written,
-        but nobody has confirmed it. Without `wait` it is only written. `author` is who stands in the record; default:
+        force. `LimitError`: it lies outside its limits. `RefusedError`: the controller refused it, or no controller
+        runs that would apply it; then nothing was written. `ConflictError`: a newer write exists. `TimedOut`: it was
+        written, but no controller has confirmed it. Without `wait` it is only written. `author`: who is recorded; default:
         the user. `confirm`: a step above the file's `confirm` is meant; without it, it is a `RefusedError`.
         `over`: a setpoint or an output goes there on a ramp, in so many s; what is in force is then where it begins."""
         kinds = _NUMBERS if over is None else _MOVED
@@ -278,7 +278,7 @@ class Store:
 
     def log(self, text: str, signal: str = "", author: Optional[str] = None, sign: bool = False) -> bool:
         """Enter a line in the log book of the plant, of at most 180 bytes, about a signal or nothing certain. `sign`: a
-        handover is taken over. False: the same author has entered the same within a minute, and it stands once."""
+        handover is taken over. False: the same author entered the same text within the last minute, and it is kept once."""
         reason = why()
         with self._owned as s:
             self._live(s, "apc log")
@@ -314,8 +314,8 @@ class Store:
                     wait: bool = True) -> Alarm:
         """Acknowledge an alarm, or reset one that latches and is acknowledged, as `apc alarm ack`, and wait until that is in
         force. Returns how it stands then. `seen` is the `seq` of the row that was seen, 0: the newest; if the alarm has come
-        again since, it is refused. `RefusedError`: there is nothing to acknowledge, or nobody evaluates the alarms; then
-        nothing was written. `ConflictError`: somebody was faster."""
+        again since, it is refused. `RefusedError`: there is nothing to acknowledge, or apc-alarms does not run; then
+        nothing was written. `ConflictError`: another write was faster."""
         return self._demand(alarm, ACKNOWLEDGE, float(seen), comment, author, wait)
 
     def shelve(self, alarm: str, seconds: float, once: bool = False, comment: str = "", author: Optional[str] = None,
@@ -336,7 +336,7 @@ class Store:
 
     def _live(self, s: Any, command: str) -> None:
         if self._check(s, lib.apc_store_is_history(s)):
-            raise error(lib.APC_ESTATE, "this is a history, where nobody applies what is written: open the live store with it, "
+            raise error(lib.APC_ESTATE, "this is a history, from which no controller takes writes: open the live store with it, "
                         f"LIVE+HISTORY, or use {command}, which asks its historian")
 
     def _missing(self, name: str, kinds: int) -> str:
@@ -416,7 +416,7 @@ def _tag_of(t: Any) -> Tag:
 
 
 def _place(name: str) -> Optional[Tag]:
-    """Of a variable that nobody described: "opmode.0"."""
+    """The ref of a variable without a description: "opmode.0"."""
     table, _, number = name.rpartition(".")
     if not number.isdecimal() or not lib.apc_table_parse(table.encode()):
         return None

@@ -59,7 +59,7 @@ class Table:
         return f"<apc.Table of {len(self)} rows: {', '.join(self.columns)}>"
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
-        """The table as Arrow's C stream. A schema that is asked for is not looked at, as the interface allows."""
+        """The table as Arrow's C stream. A requested schema is ignored, as the interface allows."""
         exported = _Exported(list(self.columns.values()))
         capsule: list[Any] = []
         check(lib.apc_arrow_export(_at(capsule), exported.column, len(self.columns), len(self), _at(exported)), why())

@@ -11,7 +11,7 @@ from .errors import error
 from .native import ffi, lib, text
 
 
-_NO_MODE = 'nobody can ask for mode "{}": it must be Man, Auto, Cas or OOS'
+_NO_MODE = 'mode "{}" cannot be requested: it must be Man, Auto, Cas or OOS'
 
 
 class Mode(enum.IntEnum):

@@ -315,7 +315,7 @@ static int drain_samples(struct spooling *s)
         s->file.stats.samples = s->file.stats.events = s->file.stats.bytes = 0;
         s->file.stats.oldest = 0;
         (void)apc_fail(&s->base.why, rc,
-                       "while the store was away somebody else wrote the same %s: ours are kept in %s",
+                       "while the store was offline, another writer wrote the same %s: ours are kept in %s",
                        apc_table_name(s->batch.samples[0].table), s->file.stats.aside);
     }
     return rc;

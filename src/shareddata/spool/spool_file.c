@@ -569,7 +569,7 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
     struct apc_spool_record record = {.at = file->end, .kind = kind, .n = (uint32_t)n};
     size_t size = apc_spool_record_size(kind, n);
     if (file->end + size - file->floor > file->capacity) {
-        return apc_fail(why, APC_ESTORE, "spool %s is full (%llu bytes): what comes now is lost", file->path,
+        return apc_fail(why, APC_ESTORE, "spool %s is full (%llu bytes): new rows are lost", file->path,
                         (unsigned long long)file->capacity);
     }
     if (reserve_spool(file, size)) {
@@ -589,7 +589,7 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
     put_bits(file->buffer + 9, n, 3);
     put_bits(file->buffer + 12, crc_of(file, file->buffer, 12), 4);
     if (!write_at(file->fd, file->buffer, size, file->end) || fdatasync(file->fd) != 0) {
-        int err = sick(file, "cannot be written: what comes now is lost", why);
+        int err = sick(file, "cannot be written: new rows are lost", why);
         (void)!ftruncate(file->fd, (off_t)file->end);
         return err;
     }

@@ -85,7 +85,7 @@ no() { # CODE PATTERN ARGUMENT...
   shift 2
   expect "$code" "$pattern" "$apc" analyze "$@"
 }
-no 1 'not stable around this point.*Try less gain' "$conf/first-order.conf" --set controller.Kp=5
+no 1 'unstable around this point.*Try less gain' "$conf/first-order.conf" --set controller.Kp=5
 "$apc" analyze "$conf/first-order.conf" --set controller.Kp=5 --json 2>/dev/null >"$work/unstable.json" && fail "an unstable loop is a success" || true
 grep -q '"stable":false' "$work/unstable.json" || fail "the JSON of an unstable loop does not say so"
 no 1 'law nmpc is not linear.*with law mpc' "$conf/van-de-vusse-nmpc.conf"

@@ -104,11 +104,11 @@ no 2 '--ms.*must be above 1' --over controller.Kp=0.1..1 --ms 1
 no 2 'warning: --peak is called --ms now' --over controller.Kp=0.1..1 --peak 1
 no 2 '--peak is the former name of --ms, and both are given' --over controller.Kp=0.1..1 --peak 1.8 --ms 1.3
 expect 1 'law nmpc is not linear' "$apc" optimize "$APC_SOURCE_DIR/experiments/van-de-vusse-nmpc.conf" --over controller.period=15..25 --ms 1.8
-no 2 'nothing is better than anything else' --over controller.Kp=0.1..1 --weights iae=0,effort=0,overshoot=0,limits=0
+no 2 'all results cost the same' --over controller.Kp=0.1..1 --weights iae=0,effort=0,overshoot=0,limits=0
 no 4 'controller.Kp is 0.2 now, which lies outside 1..10' --over controller.Kp=1..10
 no 1 'controller.tau_i = -3: "tau_i" is -3: must be from' --over controller.tau_i=-3..20
 no 1 'did you mean "Kp"' --over controller.Kb=0..1
-no 1 'controller.hold: the file does not say what it is now' --over controller.hold=1..20
+no 1 'controller.hold: the file has no present value of it' --over controller.hold=1..20
 no 1 'controller.law is text' --over controller.law=0..1
 no 4 'is there already; --force writes over it' --over controller.Kp=0.1..1 --write "$work/pasted.conf"
 printf 'gone' >"$work/kept.svg"

@@ -121,7 +121,7 @@ test_usage_errors_exit_2() {
   run 2 mode u sideways
   err_has "must be Man, Auto, Cas or OOS"
   run 2 mode lo
-  err_has 'nobody can ask for mode "lo"'
+  err_has 'mode "lo" cannot be requested'
   run 2 mode u man now
   run 2 remote
   run 2 tune Kp

@@ -80,7 +80,7 @@ for log in apc-controller-base apc-controller-upper; do
 done
 tr -d '\n' <"$work/run/record.conf" | grep -Eq 'laws = \( \{ name = "pid"; chosen = false; \}, +\{ name = "pi"; chosen = false; \} \);' ||
   fail "the record does not have both laws"
-expect 4 "nobody applies it: controller upper's last tick was .* ago\. Nothing was written" "$apc" set w 3
+expect 4 "no controller applies it: controller upper's last tick was .* ago\. Nothing was written" "$apc" set w 3
 
 # The figure has both controllers, how they ticked and in which modes they were: where there is room for the word, which
 # depends on how long the run was, but not in virtual time.

@@ -56,7 +56,7 @@ until_true 30 settled
 # promoted, it takes the output where it is
 expect 1 'there is no controller "tryal": did you mean "trial"' "$apc" promote tryal
 expect 0 'applied' "$apc" mode trial.u oos
-expect 4 'trial is out of service: nobody would act' "$apc" promote trial
+expect 4 'trial is out of service: no controller would act' "$apc" promote trial
 expect 0 '' "$apc" mode trial.u auto --no-wait
 sed '/name = "trial"/s/"pi"/"pid"/' "$work/shadow.conf" >"$work/other.conf"
 "$apc" init "$work/other.conf" >/dev/null
@@ -103,7 +103,7 @@ until_true 20 settled
 
 # one that does not tick is not promoted
 kill -9 "$pid"
-expect 4 'trial does not tick: nobody would act' "$apc" promote trial
+expect 4 'trial does not tick: no controller would act' "$apc" promote trial
 mode 1 1 || fail "first does not act"
 
 # one person alone does not change who acts where either of the two controllers takes two

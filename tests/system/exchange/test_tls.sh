@@ -15,7 +15,7 @@ certs() { "$apc" cert "$@" --dir "$work/certs"; }
 # what people may type wrongly, and what they are told
 expect 1 'no authority in .*`apc cert authority` makes one' "$apc" cert client me --dir "$work/certs"
 certs authority our-works
-expect 4 'there already; the certificates it has signed would be worth nothing' certs authority
+expect 4 'there already; the certificates it has signed would become invalid' certs authority
 expect 2 'never replaced' certs authority --replace
 expect 1 'give its host name or address by --host' certs plant plant
 expect 1 'neither an address nor a host name' certs plant plant --host 'a,IP:10.0.0.1'
@@ -63,14 +63,14 @@ until_true 60 grep_log stranger 'the certificate expires in 1.0 days'
 ! grep_log stranger 'plant connected' || fail "a stranger got in"
 [ "$(grep -c 'plant lost' "$work/stranger.log")" = 1 ] || fail "one thing was said several times"
 certs client stranger --replace --days 400
-until_true 60 grep_log stranger 'a new certificate is taken up'
+until_true 60 grep_log stranger 'a new certificate is in use'
 kill -TERM "$pid"
 wait "$pid" || true
 kill -TERM "$plant"
 wait "$plant" || true
 
 # told of on the command line he may, and without a name nobody; an address without an identity says what is missing
-expect 1 'who this program is must be said: --identity FILE' env -u APC_IDENTITY "$APC_BIN/apc-plant" \
+expect 1 'the identity of this program is missing: give --identity FILE' env -u APC_IDENTITY "$APC_BIN/apc-plant" \
   --config "$APC_SOURCE_DIR/experiments/first-order.conf" --listen "tls:127.0.0.1:$port"
 expect 1 'the names of the clients that may connect' "$APC_BIN/apc-plant" --config "$APC_SOURCE_DIR/experiments/first-order.conf" \
   --listen "tls:127.0.0.1:$port" --identity "$work/certs/plant.pem"

@@ -413,7 +413,7 @@ expect 1 'y is in K in kelvin, and in degF in fahrenheit' "$apc" identify kelvin
 # a controller alone, at a setpoint that stands still, tells of itself
 sed 's/sequence = .*/sequence = ( [10.0] ); };/; s/noise = 0.05/noise = 0.5/' pi.conf >alone.conf
 "$apc" simulate alone.conf --report alone >/dev/null
-expect 1 'input 1 does nothing but what a controller makes of the measurements.*Record steps of the setpoint' "$apc" identify alone --from 200
+expect 1 'input 1 only follows from the measurements through a controller.*Record steps of the setpoint' "$apc" identify alone --from 200
 sed 's/"u"/"v"/' pi.conf >other.conf
 "$apc" simulate other.conf --report otherrun >/dev/null
 expect 1 'otherrun has "v" where run has "u": records of two plants' "$apc" identify run --validate otherrun --model transfer

@@ -78,7 +78,7 @@ expect 1 'none.model: cannot be read: No such file' "$apc" tune --suggest "$work
 
 # ---- Applied: as one write of an operator's, and only then
 
-expect 4 'nobody applies it|has another|no controller' env APC_STORE="sqlite:$work/empty.db" bash -c "'$apc' init '$work/fast.conf' >/dev/null && '$apc' tune --suggest '$work/fast.conf' --model '$work/fast.model' --apply"
+expect 4 'no controller applies it|has another|no controller' env APC_STORE="sqlite:$work/empty.db" bash -c "'$apc' init '$work/fast.conf' >/dev/null && '$apc' tune --suggest '$work/fast.conf' --model '$work/fast.model' --apply"
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run"
 in_auto() { [ "$(sql "SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1")" = 1 ]; }
 until_true 60 in_auto
@@ -117,6 +117,6 @@ for seconds in 30 150; do
 done
 "$apc" test "$work/fast.conf" --set "${faults//0.4/0.2}" --amplitude 0.5 -d 60 -o "$work/little" >/dev/null
 # Promise(identification/apc-tune-suggest-tunings)
-no 1 '^apc tune: u: the valve sticks or has backlash: look after it before you tune \(apc monitor .*/sticks150\)' --suggest "$work/sticks150"
+no 1 '^apc tune: u: the valve sticks or has backlash: repair it before you tune \(apc monitor .*/sticks150\)' --suggest "$work/sticks150"
 no 1 'u to y: the record does not tell tau, .*so there is no tuning to suggest. Test the plant by apc test' --suggest "$work/little" --apply
 no 0 '^u to y: what the model leaves out is not noise alone: .*Try the tuning first, by apc simulate' --suggest "$work/sticks30"

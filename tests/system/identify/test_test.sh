@@ -91,7 +91,7 @@ awk '$1 == "y1" && NF == 3 { exit !($2 > 1.5 && $3 > 0.5) }' "$work/tank.txt" ||
 
 # ---- A guard ends it, and the plant goes back
 
-expect 4 'y is [-0-9.]*, beyond its guards -5 to 20: the test ended there' \
+expect 4 'y is [-0-9.]*, outside its guards -5 to 20: the test ended there' \
   "$apc" test "$work/heater.conf" --guard y=-5..20 --amplitude 5 -o "$work/guarded"
 # Promise(identification/apc-test-simulated)
 grep -q 'u: Man -> Auto' "$work/guarded/events.csv" || fail "a guard ended the test, and the loop is in Man"
@@ -149,7 +149,7 @@ expect 1 'there is no "v" to be set' "$apc" test "$work/run" --live --move v
 expect 4 'the store is of another plant' "$apc" test "$work/other.conf" --live -o "$work/none"
 sed 's/law = "pi";/& second_person = 300.0;/' "$work/fast.conf" >"$work/two.conf"
 "$apc" init "$work/two.conf" --store "sqlite:$work/two.db" >/dev/null
-expect 4 'u takes two persons, and one alone begins a test' \
+expect 4 'u needs two persons, and a test has one' \
   "$apc" test "$work/two.conf" --live --store "sqlite:$work/two.db" --guard y=-20..40 -o "$work/none"
 expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' live -o "$work/none"
 # a store has what comes before a test as well: of the start, while the plant does not take commands yet, no model can be had
@@ -174,7 +174,7 @@ expect 3 'gone.db cannot be opened' "$apc" identify "sqlite:$work/gone.db"
 
 # a guard
 until_true 60 at_rest
-expect 4 'beyond its guards' live --guard y=-20..40 --guard y=9..40 --amplitude 0.6 -d 60 -o "$work/live-guard"
+expect 4 'outside its guards' live --guard y=-20..40 --guard y=9..40 --amplitude 0.6 -d 60 -o "$work/live-guard"
 until_true 20 back
 
 # Ctrl-C
@@ -193,7 +193,7 @@ until_true 60 is 0
 status=0
 wait "$pid" || status=$?
 # Promise(identification/apc-test-simulated)
-[ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
+[ $status -eq 4 ] && grep -q 'another user has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
 
 # and so does what they put out
 background touched "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/touched"
@@ -202,7 +202,7 @@ until_true 60 is 0
 status=0
 wait "$pid" || status=$?
 # Promise(identification/apc-test-simulated)
-[ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/touched.log" || fail "touched: $status, $(cat "$work/touched.log")"
+[ $status -eq 4 ] && grep -q 'another user has moved u, or changed its mode' "$work/touched.log" || fail "touched: $status, $(cat "$work/touched.log")"
 [ "$(newest manual 1 value)" = 1.2 ] && is 0 || fail "the test took back what somebody else has put out"
 "$apc" mode auto >/dev/null
 

@@ -20,7 +20,7 @@ END
 
 expect 0 '' "$apc" init "$work/fast.conf"
 touch "$work/go"
-expect 1 'exit 7" was not told: it ended with code 7' "$APC_BIN/apc-alarms" --config "$work/fast.conf" --test-notify
+expect 1 'exit 7" was not notified: it ended with code 7' "$APC_BIN/apc-alarms" --config "$work/fast.conf" --test-notify
 for who in late quiet day; do
   grep -q 'nothing happened","test":true}$' "$work/$who" || fail "$who was not tried"
 done
@@ -66,8 +66,8 @@ until_true 60 told '"priority":2,.*"again":true}$' 3
 # Promise(alarms): Which step was told of an alarm, told again, failed, or was spared since somebody acknowledged it, is on record.
 on_record() { sql "SELECT text FROM apc.event WHERE kind = 'notify'" >"$work/record" && grep -qE "$1" "$work/record"; }
 for event in '^r\.high: step 1 of 4, ".*", was told$' '^r\.high: step 1 of 4, ".*", was told again$' '^r\.high: step 4 of 4, ".*", failed$' \
-  '^r\.high: step 3 of 4, ".*", was not told: it was acknowledged or masked before$' \
-  '^r\.high-high: step 4 of 4, ".*", was not told: it was acknowledged or masked before$'; do
+  '^r\.high: step 3 of 4, ".*", was not reported: it was acknowledged or masked before$' \
+  '^r\.high-high: step 4 of 4, ".*", was not reported: it was acknowledged or masked before$'; do
   until_true 60 on_record "$event"
 done
 ! grep -q '^r\.low: step 4' "$work/record" || fail "a step is on record that is not for it: $(cat "$work/record")"

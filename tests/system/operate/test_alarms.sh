@@ -176,8 +176,8 @@ expect 1 'there is no alarm "r.hihg"' "$apc" alarm try r.hihg
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
 # Promise(experiment/command-told-alarm)
-for event in 'alarm,"r.high: too much"' 'notify,"r.high was not told: ""sleep 88[0-9]* & sleep 99[0-9]*"" did not end within 10 s and was killed"' \
-  'notify,"r.high was not told: ""exit 3"" ended with code 3"' 'notify,"""cat"" is told of alarms; [1-9][0-9]* were not told"'; do
+for event in 'alarm,"r.high: too much"' 'notify,"r.high was not reported: ""sleep 88[0-9]* & sleep 99[0-9]*"" did not end within 10 s and was killed"' \
+  'notify,"r.high was not reported: ""exit 3"" ended with code 3"' 'notify,"""cat"" receives alarms again; [1-9][0-9]* were not reported"'; do
   grep -q "$event" "$work/run/events.csv" || fail "no event $event: $(cat "$work/run/events.csv")"
 done
 # Promise(experiment/command-told-alarm)

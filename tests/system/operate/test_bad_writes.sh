@@ -54,7 +54,7 @@ PY
 asked_at() { api GET /api/waiting | python3 -c 'import json, sys; print(*{one["time"] for one in json.load(sys.stdin)["changes"]})'; }
 me=$("$apc" approve --store "$live" | awk '$1 == "r" && $2 == 2 { print $3 }')
 [ -n "$me" ] || fail "apc approve does not list r"
-expect 4 "$me has asked for it, so somebody else has to approve it: r waits" "$apc" approve r --store "$live"
+expect 4 "$me requested it, so another person must approve it: r waits" "$apc" approve r --store "$live"
 kill -TERM "$page_pid"
 wait "$page_pid" || fail "the page ended with $?"
 rm "$work/page.log"
@@ -64,7 +64,7 @@ until_true 60 knows # a new one, which knows what waits
 approved=$(api POST /api/approve "{\"time\": $(asked_at)}")
 [[ $approved == *'"kind":"approve"'*'"state":"accepted"'*'"to":2,'* ]] || fail "it was not approved: $approved"
 [[ $(api POST /api/approve '{"time": 77.5}') == "409 "*second* ]] || fail "what does not wait can be approved"
-"$apc" history --events --store "$live" --last 1000 --csv | grep -q '"anna","operator","r: .* -> 2 (asked by '"$me"')' || fail "who has asked is not on record"
+"$apc" history --events --store "$live" --last 1000 --csv | grep -q '"anna","operator","r: .* -> 2 (requested by '"$me"')' || fail "who has asked is not on record"
 seq=$("$apc" get r --store "$live" --json | python3 -c 'import json, sys; print(json.load(sys.stdin)[0]["seq"])')
 [[ $(api POST /api/setpoint "{\"id\": 1, \"value\": 3, \"seq\": $seq}") == "409 "*second* ]] || fail "anna alone has written r"
 waits() { "$apc" approve --store "$live" | awk '$1 == "r" { print $NF }'; }
@@ -74,6 +74,6 @@ expect 0 '^r: 2 -> 3 \(applied\)' "$apc" approve "$id" --store "$live"
 # Promise(modes/second-person-id): Who approves or refuses a write by the id that was shown approves no other one that waits meanwhile.
 expect 4 'it does not wait for a second person: it was approved or refused' "$apc" approve "$id" --store "$live"
 [ -n "$(waits)" ] || fail "another one was approved"
-expect 0 'r: refused, asked by anna' "$apc" approve "$(waits)" --refuse --store "$live"
+expect 0 'r: refused, requested by anna' "$apc" approve "$(waits)" --refuse --store "$live"
 expect 0 '^nothing waits for a second person' "$apc" approve --store "$live"
 [ "$(written r 4)" = 0 ] || fail "what was refused was written"

@@ -65,7 +65,7 @@ done
 expect 1 'no broker: give --broker' env -u APC_BROKER "$APC_BIN/apc-mqtt" --config "$work/fast.conf" --store "$live"
 expect 1 'no queue: give --queue sqlite:' "$APC_BIN/apc-mqtt" "${options[@]}"
 expect 1 'must be mqtts://HOST' "$APC_BIN/apc-mqtt" "${options[@]}" --broker nowhere --queue "sqlite:$work/x.db"
-expect 1 'unencrypted to this very host only' "$APC_BIN/apc-mqtt" "${options[@]}" --broker mqtt://10.0.0.1 --queue "sqlite:$work/x.db"
+expect 1 'unencrypted to this host only' "$APC_BIN/apc-mqtt" "${options[@]}" --broker mqtt://10.0.0.1 --queue "sqlite:$work/x.db"
 expect 1 '--ca /gone: No such file' "$APC_BIN/apc-mqtt" "${options[@]}" --ca /gone --queue "sqlite:$work/x.db"
 expect 1 '--topic "a/#"' "$APC_BIN/apc-mqtt" "${options[@]}" --topic 'a/#' --queue "sqlite:$work/x.db"
 
@@ -120,7 +120,7 @@ until_true 60 said out 'the broker is there again'
 until_true 60 said out 'the certificate expires in 1.0 days'
 (cd "$work"
   "$apc" cert client mqtt --replace >/dev/null)
-until_true 60 said out 'a new certificate is taken up'
+until_true 60 said out 'a new certificate is in use'
 [ "$(times out 'the certificate expires')" = 1 ] || fail "a certificate that expires is said again and again"
 # Promise(links/live-store-gets)
 [ "$(times out 'the broker is there again')" = 1 ] || fail "a new certificate has broken the connection"
@@ -226,7 +226,7 @@ outcome otto r 'refused: otto is an observer: this takes an operator'
 command_as nobody r "{\"value\":1,\"time\":$(now)}"
 outcome nobody r 'refused: there is no such user'
 command_as anna y "{\"value\":1,\"time\":$(now)}"
-outcome anna y 'refused: it is not one of those that may be commanded'
+outcome anna y 'refused: it may not be commanded from the broker'
 command_as anna u1.mode "{\"mode\":\"Man\",\"time\":$(now)}"
 outcome anna u1.mode 'refused: there is no loop or controller .*u1'
 command_as anna r "{\"id\":\"old\",\"value\":1,\"time\":$(($(date +%s) - 60))}"
@@ -260,7 +260,7 @@ outcome anna r 'refused: the request is no JSON'
 command_as anna r "{\"value\":1,\"time\":$(now),\"more\":1}"
 outcome anna r 'refused: .*more'
 command_as anna u.mode "{\"mode\":\"Fast\",\"time\":$(now)}"
-outcome anna u.mode 'refused: nobody can ask for mode .*must be Man'
+outcome anna u.mode 'refused: mode .* cannot be requested: it must be Man'
 mosquitto_pub "${as_watcher[@]}" -t works/fast/command/anna/r -n # nothing
 outcome anna r 'refused: the request is empty'
 command_as anna r "{\"value\":1,\"time\":$(now)}" -r

@@ -5,7 +5,7 @@
 
 # ---- What makes no sense
 
-expect 2 'beyond loopback: that takes --certificate' opcua serve mem:x --listen opc.tcp://0.0.0.0:4840
+expect 2 'is not loopback: give --certificate' opcua serve mem:x --listen opc.tcp://0.0.0.0:4840
 expect 2 'expected opc.tcp://HOST:PORT' opcua serve mem:x --listen http://127.0.0.1:4840
 expect 2 '--certificate and --key go together' opcua serve mem:x --certificate "$work/none"
 expect 2 'nobody could connect' env APC_USERS="$work/none" "$user/bin/python" -m libapc.opcua serve mem:x --anonymous none
@@ -44,6 +44,6 @@ grep -q 'anna.*r.high: acknowledged (seen by node-opcua)' "$work/events.log" || 
 # Without the loop what is written is refused, and the server goes on; without its store it says so.
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
-until_true 60 said serve 'the store is away'
+until_true 60 said serve 'the store is offline'
 kill -TERM "$served"
 wait "$served" || fail "the server ended with $?: $(tail -n 3 "$work/serve.log")"

@@ -84,7 +84,7 @@ rows() { sql 'SELECT (SELECT count(*) FROM apc.setpoint), (SELECT count(*) FROM 
 before=$(rows)
 for command in "set r 7" "mode man" "tune Kp=0.3" "mode auto"; do
   # shellcheck disable=SC2086
-  expect 4 "the target is Auto already, but u is in LO|nobody applies it: the controller's last tick was .* ago\. Nothing was written" "$apc" $command
+  expect 4 "the target is Auto already, but u is in LO|no controller applies it: the controller's last tick was .* ago\. Nothing was written" "$apc" $command
 done
 [ "$(rows)" = "$before" ] || fail "what nobody applies was written into the record"
 expect 0 '^r: [-.0-9]+ -> 7$' "$apc" set r 7 --no-wait
@@ -92,7 +92,7 @@ expect 0 '^r: [-.0-9]+ -> 7$' "$apc" set r 7 --no-wait
 
 # a store that no controller has ever ticked in
 "$apc" init "$work/fast.conf" --store "sqlite:$work/new.db" >/dev/null
-expect 4 'nobody applies it: the controller has never ticked' "$apc" set r 7 --store "sqlite:$work/new.db"
+expect 4 'no controller applies it: the controller has never ticked' "$apc" set r 7 --store "sqlite:$work/new.db"
 expect 0 'no value yet -> 7' "$apc" set r 7 --no-wait --store "sqlite:$work/new.db"
 
 # ---- Written, and then nobody is there: a controller that stands still meanwhile
@@ -109,7 +109,7 @@ code=0
 said=$("$apc" set r 9 2>&1) || code=$?
 kill -CONT "$controller"
 case "$code $said" in
-"5 "*"written, but nobody applies it: the controller's last tick was "*) ;;
-"4 "*"nobody applies it: "*) ;; # it was slow enough to see that before
+"5 "*"written, but no controller applies it: the controller's last tick was "*) ;;
+"4 "*"no controller applies it: "*) ;; # it was slow enough to see that before
 *) fail "a controller that stands still: $code $said" ;;
 esac

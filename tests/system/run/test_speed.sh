@@ -143,7 +143,7 @@ expect 0 'controller: 30 of 30 ticks the same bit for bit' "$apc" replay --virtu
 # What was simulated of it has it too; with another gain the same is done to another loop.
 expect 0 '' "$apc" simulate "$work/session" --report "$work/copy"
 again "$work/copy"
-expect 0 'written again at the same ticks' "$apc" simulate "$work/session" --set controller.Kp=0.2
+expect 0 'are repeated at the same ticks' "$apc" simulate "$work/session" --set controller.Kp=0.2
 # Promise(run/session-from): apc run RUN --speed X --from T does again what people did before T, and goes on from there: who does
 #   the same as then has the same run, who does something else another one.
 # go_on NAME OPTION...: from a place of that session, paused there
@@ -174,10 +174,10 @@ grep -q '^2.400000,info,apc-simulate,operator,"values written again, as in the r
 grep -q '^11.400000,setpoint,1,Good,15$' "$work/other/samples.csv" || fail "nobody could go on otherwise"
 expect 1 'expected the folder of a run, or a store' "$apc" run "$file" --speed 1 --from 5 --out "$work/no"
 expect 4 'expected a time before its end' "$apc" run "$work/session" --speed 1 --from 60 --out "$work/no"
-expect 2 'expected with --speed' "$apc" run "$work/session" --from 5 --out "$work/no"
+expect 2 'cannot continue from the past: give --speed' "$apc" run "$work/session" --from 5 --out "$work/no"
 expect 2 'must be seconds, above 0' "$apc" run "$work/session" --speed 1 --from 0 --out "$work/no"
 # A campaign does not do it again, and says so.
-expect 0 'what people wrote in that run, [0-9]+ values, is not written in these' "$apc" simulate "$work/session" --runs 2
+expect 0 'the operators. writes of that run, [0-9]+ values, are not repeated in these' "$apc" simulate "$work/session" --runs 2
 cp -r "$work/session" "$work/torn"
 head -c 60 "$work/session/written.csv" >"$work/torn/written.csv"
 expect 1 'written.csv' "$apc" simulate "$work/torn"
@@ -303,8 +303,8 @@ until_true 20 grep -q APC_STORE "$work/repeats.log"
 store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/repeats.log")
 repeats() { "$apc" get --store "$store" u >"$work/repeated" 2>&1 && grep -q Good "$work/repeated"; }
 until_true 20 repeats
-expect 1 'the simulated plant goes back: do this again once it stands there' "$apc" set --store "$store" --no-wait r 12
-expect 1 'the simulated plant goes back: do this again once it stands there' "$apc" promote --store "$store" --no-wait trial
+expect 1 'the simulated plant is being rewound: do this again when that is done' "$apc" set --store "$store" --no-wait r 12
+expect 1 'the simulated plant is being rewound: do this again when that is done' "$apc" promote --store "$store" --no-wait trial
 kill -INT $pid
 wait $pid || true
 ! grep -q 'setpoint\|opmode' "$work/repeats/written.csv" || fail "what was is another one: $(cat "$work/repeats/written.csv")"
@@ -498,7 +498,7 @@ killed() {
   expect 0 '' "$apc" drain "$work/killed-$1"
   ! compgen -G "/dev/shm/apc.run-$pid-*" || fail "the memory of a simulated run is left behind when it is drained"
   expect 0 "2.000000,setpoint,1,Good,10.5" cat "$work/killed-$1/written.csv"
-  expect 0 'written again at the same ticks: [1-9]' "$apc" simulate "$work/killed-$1"
+  expect 0 'are repeated at the same ticks: [1-9]' "$apc" simulate "$work/killed-$1"
 }
 for x in 1 0; do killed $x; done
 

@@ -88,7 +88,7 @@ until_true 60 recorded 20
 #   split: who is cut off says so and when it is over, nothing is lost or doubled.
 listen
 split "$database_side"
-until_true 60 says historian 'the history takes nothing'
+until_true 60 says historian 'the history accepts no rows'
 goes_on
 until_true 60 settled
 join "$database_side"
@@ -111,7 +111,7 @@ split "$plant_side"
 split "$database_side"
 until_true 60 says client 'plant \(still \)*lost\|now lost' # a busy machine has had it come and go before
 until_true 60 says plant 'plant at its safe value'
-until_true 60 says historian 'the history takes nothing'
+until_true 60 says historian 'the history accepts no rows'
 join "$database_side"
 join "$plant_side"
 until_true 60 says client 'plant connected'
@@ -133,7 +133,7 @@ for variable in y u; do
   diff <("$apc" history "$variable" --last 1000000 --csv --store "$live") <("$apc" history "$variable" --last 1000000 --csv --store postgresql:) >"$work/differs.log" ||
     fail "the record of $variable is not what the live store has"
 done
-for said in 'plant lost' 'plant connected' 'the history takes nothing' 'the history has all again'; do
+for said in 'plant lost' 'plant connected' 'the history accepts no rows' 'the history has all again'; do
   # Promise(stores/networks-between-client)
   [ "$(sql "SELECT count(*) FROM apc.event WHERE text LIKE '%$said%'")" -ge 2 ] || fail "no events on record: $said"
 done

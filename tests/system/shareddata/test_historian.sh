@@ -36,7 +36,7 @@ until_true 30 more_values postgresql: u 5
 ! grep -q '^VmLck:.*[1-9]' "/proc/$to_file/status" || fail "it locks memory, and no loop waits for it"
 
 # a second one on the same history, and the history of another experiment, are refused
-# Promise(stores/historian-says-history): A historian says that the history is away and has all again, goes on after
+# Promise(stores/historian-says-history): A historian says that the history is offline and has all again, goes on after
 #   a kill; a second one, another experiment's and a newer history are refused.
 expect 4 'history sqlite:.* cannot be taken: .*apc-historian' \
   "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$file"
@@ -53,7 +53,7 @@ expect 1 'cannot be taken: .*newer.db has tables of version 99, this library kno
 coproc sqlite3 "$work/history.db"
 printf '%s\n' '.timeout 20000' 'BEGIN EXCLUSIVE;' '.shell echo locked' >&"${COPROC[1]}"
 read -rt 120 <&"${COPROC[0]}"
-until_true 60 said file 'the history takes nothing' 0
+until_true 60 said file 'the history accepts no rows' 0
 loop_goes_on
 printf '%s\n' 'COMMIT;' '.quit' >&"${COPROC[1]}"
 until_true 60 said file 'the history has all again' 0
@@ -76,7 +76,7 @@ kill -9 "$to_file"
 wait "$to_file" 2>/dev/null || true
 background file bash -c "ulimit -f 100; exec '$APC_BIN/apc-historian' --config '$work/fast.conf' --store '$live' --history '$file'"
 to_file=$pid
-until_true 60 said file 'the history takes nothing' "$n"
+until_true 60 said file 'the history accepts no rows' "$n"
 loop_goes_on
 kill -9 "$to_file"
 wait "$to_file" 2>/dev/null || true
@@ -104,7 +104,7 @@ events "$live" | grep -q ",\"$operator\",\"operator\",\"r: .* -> 7.5 (request $(
 is_recorded() { [ -n "$(sql "SELECT 1 FROM apc.setpoint s JOIN apc.request q USING (seq) WHERE q.id = $(request) AND s.id = 1 AND s.value = 7.5")" ]; }
 until_true 60 is_recorded
 ask setpoint 6 '2 minutes'
-becomes '^refused: too late, it was asked for 12'
+becomes '^refused: too late, it was requested 12'
 ask setpoint 6 '-2 minutes'
 becomes '^refused: it comes from .* ahead'
 ask setpoint 1000

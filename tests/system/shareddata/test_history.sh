@@ -46,7 +46,7 @@ end() {
 
 kill_server
 begin first 5
-grep -q 'the history is away' "$work/first.log" || fail "it does not say that the history is away"
+grep -q 'the history is offline' "$work/first.log" || fail "it does not say that the history is away"
 expect 0 'the history is left out' "$apc" history --events --store "$store"
 expect 0 'the history is left out' "$apc" status --store "$store"
 until_true 60 start_server

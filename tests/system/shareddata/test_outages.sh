@@ -83,7 +83,7 @@ begun=$(date -u +%FT%T.%6NZ) # from now on nothing is to be felt at the plant
 for outage in $outages; do
   away=$(times 'takes nothing') again=$(times 'has all again') end=$((SECONDS + ${APC_OUTAGE:-0}))
   "begin_$outage"
-  until_true 120 said 'the history takes nothing' "$away"
+  until_true 120 said 'the history accepts no rows' "$away"
   while :; do
     n=$(count)
     until_true 60 more $((n + 1))

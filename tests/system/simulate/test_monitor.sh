@@ -30,11 +30,11 @@ judged ticks-1.8 tight
 judged well unknown --to 400
 "$apc" monitor well --to 400 >said
 grep -q 'fewer than 500 ticks .*; 500 ticks take 500 s$' said || fail "not said how long 500 ticks are: $(cat said)"
-# Promise(analysis/limited-swing): A loop that swings between its limits is `limited`, and said to swing, with the period.
+# Promise(analysis/limited-swing): A loop that oscillates between its limits is `limited`, and said to oscillate, with the period.
 "$apc" simulate well.conf --set controller.period=2 --set 'controller.tuning.[0].Kp=20' --report between >/dev/null
 judged between limited
 "$apc" monitor between >said
-grep -q 'at a limit too often .*; it swings with a period of 1[01]\.[0-9]* s; its correlation falls to 9[0-9] % over many periods$' said || fail "not said that it swings: $(cat said)"
+grep -q 'at a limit too often .*; it oscillates with a period of 1[01]\.[0-9]* s; its correlation falls to 9[0-9] % over many periods$' said || fail "not said that it oscillates: $(cat said)"
 "$apc" monitor sticks >said
 grep -qE '^u: the valve sticks .* friction of 0\.[12]' said || fail "no word of the valve: $(cat said)"
 
@@ -55,8 +55,8 @@ tell --from 2000-01-01T00:00:00Z --to 2000-01-01T00:05:00Z # too short to say
 tell --from 2000-01-01T00:00:00Z --to 2000-01-01T01:06:40Z
 told
 diff - events <<'EVENTS' || fail "not each change once"
-warning,"u: valve: the valve sticks or has backlash: look after it before you tune"
-info,"u: good: nothing to mend shows in the record"
+warning,"u: valve: the valve sticks or has backlash: repair it before you tune"
+info,"u: good: the record shows nothing to repair"
 EVENTS
 
 # Promise(analysis/one-teller): Of two `apc monitor --notify` at once the second one ends, and says why: no event comes twice.

@@ -73,7 +73,7 @@ mv first-order ran
 eval "$whatif" >if.txt
 # Promise(analysis/run-goes-otherwise)
 grep -q 'as recorded' what-if.svg && grep -q 'otherwise' what-if.svg && [ -s what-if.png ] || fail "no figure of the futures"
-diff <(sed -n '/^otherwise/,/^figure/p' if.txt) <(sed -n '/^otherwise from 170/,/^figure/p' "$APC_SOURCE_DIR/docs/simulate.md") ||
+diff <(sed -n '/^changed/,/^figure/p' if.txt) <(sed -n '/^changed from 170/,/^figure/p' "$APC_SOURCE_DIR/docs/simulate.md") ||
   fail "what is shown is not what is printed"
 
 expect 2 'must be a time, as 2026' "$apc" simulate ran --from sqlite:none.db@yesterday
@@ -121,7 +121,7 @@ if "$apc" replay --virtual real >virtual.txt; then
   grep -Eq '^unchanged, it is at most (0|[0-9.]+e-[0-9]+) % of a range apart' closed.txt ||
     fail "no tick was late, and in closed loop the unchanged run is another one: $(cat closed.txt virtual.txt)"
   # Promise(analysis/run-goes-otherwise)
-  sed -n '/^unchanged/,/^otherwise/p' real.txt | awk '/^[yu] / { n++; worst += $5 } END { exit !(n == 2 && worst == 0) }' ||
+  sed -n '/^unchanged/,/^changed/p' real.txt | awk '/^[yu] / { n++; worst += $5 } END { exit !(n == 2 && worst == 0) }' ||
     fail "no tick was late, and the unchanged future is another one: $(cat real.txt virtual.txt)"
 fi
 
@@ -204,4 +204,4 @@ expect 1 'before that its store is expected, as STORE@TIME' "$apc" run real --sp
 mv ticks.db real/ticks.db
 [ ! -e no ] || fail "what was refused leaves a folder"
 expect 2 'must be a time, as 2026' "$apc" run fast.conf --speed 0 --from "$live@soon" --out no
-expect 2 'expected with --speed' "$apc" run fast.conf --from "$live@-1s" --out no
+expect 2 'cannot continue from the past: give --speed' "$apc" run fast.conf --from "$live@-1s" --out no

@@ -159,7 +159,7 @@ static void a_row_has_the_statistics_of_the_runs_that_have_the_figure(void **sta
     assert_string_equal(row(text, "heat control effort"), "heat control effort 4 1 0 0 1 1 1 1 10");
     assert_lacks(text, "infinite");
     assert_lacks(text, "controller");
-    assert_lacks(text, "beside");
+    assert_lacks(text, "compared with");
 }
 
 static void numbers_are_told_with_the_digits_that_they_are_good_for(void **state)
@@ -338,9 +338,9 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
     }
     read_again("former.csv");
     const char *text = table();
-    assert_has(text, "beside ");
-    assert_has(text, "/former.csv, run by run of the same seed:\n");
-    text = strstr(text, "beside ");
+    assert_has(text, "compared with ");
+    assert_has(text, "/former.csv, seed by seed:\n");
+    text = strstr(text, "compared with ");
     assert_string_equal(row(text, "loop "), "loop pairs mean difference 95 % from to");
     /* 5.5 +- 3.1824 sqrt(1/3) / 2 */
     assert_string_equal(row(text, "level IAE"), "level IAE 4 5.5 4.5813 6.4187 more");
@@ -362,7 +362,7 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
     *figure(0, 0, METRIC_SETTLING) = HUGE_VAL;
     free(campaign.former);
     read_again("former.csv");
-    text = strstr(table(), "beside ");
+    text = strstr(table(), "compared with ");
     assert_non_null(text);
     assert_string_equal(row(text, "level settling"), "level settling s 6 -inf - -");
 }

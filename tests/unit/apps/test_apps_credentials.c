@@ -102,7 +102,8 @@ static void only_a_link_of_tls_needs_an_identity(void **state)
     assert_null(d.look);
     credentials_close(&c);
     assert_int_equal(open_with("tls:127.0.0.1:1", NULL), APC_EINVAL);
-    assert_has(said, "link \"tls:127.0.0.1:1\": who this program is must be said: --identity FILE");
+    assert_has(said,
+               "link \"tls:127.0.0.1:1\": the identity of this program is missing: give --identity FILE");
     assert_int_equal(open_with("tls:127.0.0.1:1", ""), APC_EINVAL);
     assert_null(d.look);
     assert_int_equal(open_with("tls:127.0.0.1:1", file_of("nobody")), APC_ENOTFOUND);
@@ -168,7 +169,7 @@ static void a_new_file_is_taken_up_and_a_bad_one_said_once(void **state)
     look(false);
     assert_string_equal(said, "");
     look(true);
-    assert_event(APC_EVENT_INFO, "a new certificate is taken up, good until ");
+    assert_event(APC_EVENT_INFO, "a new certificate is in use, valid until ");
     assert_int_equal(c.warned, 0);
     for (int i = 0; i < 2; i++) {
         FILE *out = fopen(file_of("new"), "w");
@@ -183,7 +184,7 @@ static void a_new_file_is_taken_up_and_a_bad_one_said_once(void **state)
     }
     issue("new", 200 * DAY);
     look(true);
-    assert_event(APC_EVENT_INFO, "a new certificate is taken up");
+    assert_event(APC_EVENT_INFO, "a new certificate is in use");
     assert_int_equal(unlink(file_of("new")), 0);
     look(true);
     assert_event(APC_EVENT_WARNING, "stays in use"); /* once more, as it was good in between */

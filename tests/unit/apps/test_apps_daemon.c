@@ -287,7 +287,7 @@ static void a_tick_that_fails_ends_it_with_its_code(void **state)
     live(&life);
     assert_ended(EXIT_REJECTED);
     read_store();
-    assert_recorded("3 store stopping: somebody else writes the same variables\n");
+    assert_recorded("3 store stopping: another process writes the same variables\n");
     assert_recorded("3 watchdog it tripped\n");
     assert_null(strstr(events, "nothing"));
 }
@@ -468,7 +468,7 @@ static void a_main_thread_that_hangs_is_given_up(void **state)
     fresh_store();
     live(&life);
     assert_ended(EXIT_ERROR);
-    assert_says("something would not end within 2 s of being told to: given up\n");
+    assert_says("a thread did not end within 2 s: given up\n");
 }
 
 /* ---- Its store ---------------------------------------------------------------------------- */
@@ -605,7 +605,7 @@ static void a_disk_that_will_not_have_the_spool_keeps_nobody_from_starting(void 
     live(&life);
     assert_ended(EXIT_OK);
     assert_says(
-        "what is kept of events while the store is away is in memory, and ends with the process: spool ");
+        "what is kept of events while the store is offline is in memory, and ends with the process: spool ");
     assert_says("Not a directory");
     assert_says("events go to the spool: ");
     unlink(dir);

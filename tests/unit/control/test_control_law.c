@@ -72,7 +72,7 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
         if (abi == APC_LAW_ABI)
             continue;
         assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
-        assert_non_null(strstr(why.text, "compile it anew"));
+        assert_non_null(strstr(why.text, "compile it again"));
     }
     law = good;
     law.compute = NULL;

@@ -246,7 +246,7 @@ static void a_plugin_of_a_former_layout_is_refused_with_what_to_do(void **state)
         assert_null(handle);
         assert_non_null(strstr(why.text, former[i]));
         assert_non_null(strstr(why.text, i ? "compiled for version 2" : "compiled for version 1"));
-        assert_non_null(strstr(why.text, "compile it anew"));
+        assert_non_null(strstr(why.text, "compile it again"));
     }
 }
 

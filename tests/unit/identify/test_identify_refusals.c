@@ -206,29 +206,28 @@ static const struct {
     {last_too_large, "record: input 3 is no number at sample 400: what went in must be known always"},
     {no_measurement, "record: output 2 is -2e+300 at sample 6: that is no measurement"},
     {still_input,
-     "input 3 is 0.25 all the time: nothing can be told of what it does. Move it in a test, or leave it out"},
+     "input 3 is 0.25 all the time: its effect cannot be found. Move it in a test, or leave it out"},
     {almost_still_input,
-     "input 3 is 0.25 all the time: nothing can be told of what it does. Move it in a test, or leave it out"},
+     "input 3 is 0.25 all the time: its effect cannot be found. Move it in a test, or leave it out"},
     {stuck_output, "output 2 is -7.5 all the time: no input moves it, or its sensor is stuck"},
     {few_outputs, "output 2 has 49 good samples of 400: a tenth of them, and 50, are needed. Take another "
                   "window, or leave it out"},
     {few_of_many, "output 1 has 49 good samples of 400: a tenth of them, and 50, are needed. Take another "
                   "window, or leave it out"},
-    {run_by_run,
-     "input 1 is 2 all the time: nothing can be told of what it does. Move it in a test, or leave it out"},
-    {alike, "input 2 moves as input 1 does, but for 0.18 %: which of them does what cannot be told. Move "
-            "them at different times"},
-    {together, "input 3 moves as input 2, or several together, does, but for 0 %: which of them does what "
-               "cannot be told. Move them at different times"},
+    {run_by_run, "input 1 is 2 all the time: its effect cannot be found. Move it in a test, or leave it out"},
+    {alike, "input 2 moves as input 1 does, but for 0.18 %: their effects cannot be separated. Move them at "
+            "different times"},
+    {together, "input 3 moves as input 2, or several together, does, but for 0 %: their effects cannot be "
+               "separated. Move them at different times"},
     {just_apart, "it is taken"},
-    {feedback, "input 2 does nothing but what a controller makes of the measurements: then the plant cannot "
-               "be told from the controller. Record steps of the setpoint, or of the output in Man"},
+    {feedback, "input 2 only follows from the measurements through a controller: the plant cannot be "
+               "distinguished from the controller. Record steps of the setpoint, or of the output in Man"},
     {seldom_feedback,
-     "input 3 does nothing but what a controller makes of the measurements: then the plant cannot be told "
+     "input 3 only follows from the measurements through a controller: the plant cannot be distinguished "
      "from the controller. Record steps of the setpoint, or of the output in Man"},
     {moved_between, "it is taken"},
     {feedback_between,
-     "input 3 does nothing but what a controller makes of the measurements: then the plant cannot be told "
+     "input 3 only follows from the measurements through a controller: the plant cannot be distinguished "
      "from the controller. Record steps of the setpoint, or of the output in Man"},
     {measured_feedback, "it is taken"},
 };

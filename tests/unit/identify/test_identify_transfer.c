@@ -426,7 +426,7 @@ static void feedback_alone_is_refused(void **state)
             assert_int_equal(apc_record_check(&t->record, NULL), 0);
             free(t);
         } else {
-            refused(t, "nothing but what a controller makes of the measurements");
+            refused(t, "only follows from the measurements through a controller");
         }
     }
 }
@@ -447,7 +447,7 @@ static void a_run_without_feedback_is_enough(void **state)
         if (i % 3 != 1)
             close_loop(t, 500, every, false);
         if (i % 3 == 2) {
-            refused(t, "nothing but what a controller makes of the measurements");
+            refused(t, "only follows from the measurements through a controller");
             continue;
         }
         if (apc_record_check(&t->record, &why) < 0)
@@ -466,7 +466,7 @@ static void an_input_that_is_feedback_alone_is_named(void **state)
         struct record_test *t = record_simulate(g, 2, 1, 500, 0.2, (const size_t[]){7, 11}, 0.1, 0.0, 1);
         for (size_t k = 0; k < 500; k++)
             t->u[2 * k + input] = -0.8 * t->y[k] + 0.3 * (k > 0 ? t->y[k - 1] : 0.0);
-        refused(t, input == 0 ? "input 1 does nothing but" : "input 2 does nothing but");
+        refused(t, input == 0 ? "input 1 only follows from" : "input 2 only follows from");
     }
 }
 

@@ -153,8 +153,8 @@ static void who_is_gone_is_named_and_nothing_is_written(void **state)
     waited(&d, change_patience(&d.change[0]));
     assert_int_equal(operation_ready(&d.operation, store, &why), APC_EPERM);
     assert_string_equal(why.code, "nobody");
-    assert_string_equal(why.text,
-                        "nobody applies it: controller base's last tick was 5 min ago. Nothing was written");
+    assert_string_equal(
+        why.text, "no controller applies it: controller base's last tick was 5 min ago. Nothing was written");
     assert_int_equal(newest(APC_TUNING, KP).seq, before);
     read_events();
     assert_int_equal(events.n, 0);
@@ -255,7 +255,7 @@ static void a_controller_that_dies_in_between_is_said_to_be_gone(void **state)
     waited(&d, change_patience(&d.change[0]));
     assert_int_equal(poll(&d), 1);
     finish(&d, 0, APC_ETIMEDOUT, "nobody",
-           "written, but nobody applies it: controller base's last tick was 5 min ago");
+           "written, but no controller applies it: controller base's last tick was 5 min ago");
 }
 
 static void who_takes_its_place_applies_it(void **state)

@@ -117,7 +117,7 @@ static void what_one_has_asked_for_another_approves(void **state)
     assert_string_equal(answers("otto", "w", false, &why), "");
     assert_near(w(), 12, 0);
     assert_int_equal(waits(), 0);
-    on_record("otto", "w: 5 -> 12 (asked by anna)");
+    on_record("otto", "w: 5 -> 12 (requested by anna)");
     assert_string_equal(answers("otto", "w", false, &why), "second");
     assert_string_equal(why.text, "nothing of \"w\" waits for a second person");
 }
@@ -130,9 +130,9 @@ static void nobody_approves_what_he_has_asked_for(void **state)
 
     asks("anna", "w", CHANGE_SETPOINT, 12, 0);
     assert_string_equal(answers("anna", "setpoint.2", false, &why), "second");
-    assert_string_equal(why.text, "anna has asked for it, so somebody else has to approve it: w waits");
+    assert_string_equal(why.text, "anna requested it, so another person must approve it: w waits");
     assert_string_equal(writes_at(0, "", "u.Kp", CHANGE_TUNING, 0.3, 0, &why), "second");
-    assert_string_equal(why.text, "u.Kp takes two persons, and who asks for it is not known: log in first");
+    assert_string_equal(why.text, "u.Kp needs two persons, and the first one is not known: log in first");
     assert_near(w(), 5, 0);
     assert_int_equal(waits(), 1);
 }
@@ -146,8 +146,8 @@ static void what_nobody_known_has_asked_for_is_not_approved(void **state)
     append((struct apc_sample){
         .table = APC_SETPOINT, .id = LOOPS_ASKED(SET_W), .time = apc_clock_utc(NULL), .value = 12});
     assert_string_equal(answers("otto", "w", false, &why), "second");
-    assert_string_equal(why.text,
-                        "who has asked for w is not known, so nobody approves it: ask for it again");
+    assert_string_equal(
+        why.text, "the person who requested w is not known, so it cannot be approved: request it again");
     assert_near(w(), 5, 0);
     assert_string_equal(answers("otto", "w", true, &why), "");
     assert_int_equal(waits(), 0);
@@ -161,9 +161,9 @@ static void what_waits_is_asked_for_once_and_withdrawn_or_refused(void **state)
 
     asks("anna", "w", CHANGE_SETPOINT, 12, 0);
     assert_string_equal(writes_at(0, "otto", "w", CHANGE_SETPOINT, 7, 0, &why), "second");
-    assert_memory_equal(why.text, "w waits for a second person: anna has asked for 12, 0.", 54);
+    assert_memory_equal(why.text, "w waits for a second person: anna requested 12, 0.", 50);
     assert_string_equal(answers("anna", "w", true, &why), "");
-    on_record("anna", "w: 5 -> 12 refused (asked by anna)");
+    on_record("anna", "w: 5 -> 12 refused (requested by anna)");
     asks("otto", "w", CHANGE_SETPOINT, 7, 0);
     assert_string_equal(answers("anna", "w", true, &why), "");
     assert_int_equal(waits(), 0);
@@ -178,7 +178,7 @@ static void what_is_not_approved_in_time_is_asked_for_again(void **state)
     assert_string_equal(writes_at(apc_clock_utc(NULL) - 301 * S, "anna", "w", CHANGE_SETPOINT, 12, 0, &why),
                         "second");
     assert_string_equal(answers("otto", "w", false, &why), "second");
-    assert_string_equal(why.text, "what anna has asked for had to be approved within 300 s: ask for w again");
+    assert_string_equal(why.text, "the request of anna had to be approved within 300 s: request w again");
     asks("otto", "w", CHANGE_SETPOINT, 7, 0);
     assert_string_equal(answers("anna", "w", false, &why), "");
     assert_near(w(), 7, 0);
@@ -252,7 +252,7 @@ static void of_two_at_once_one_has_his_way(void **state)
     assert_string_equal(answers("carl", "w", true, &why), "");
     assert_int_equal(operation_begin(&o, store, &why), APC_ECONFLICT);
     assert_string_equal(why.code, "second");
-    assert_string_equal(why.text, "somebody else has approved or refused it just now");
+    assert_string_equal(why.text, "another user has approved or refused it just now");
     assert_near(w(), 5, 0);
     operation_end(&o);
     free(approval.row);

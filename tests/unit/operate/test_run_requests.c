@@ -159,7 +159,7 @@ static void what_is_asked_for_at_another_time_is_too_late(void **state)
     ask(APC_SETPOINT, SET_R, 2);
     asked.age = MOST + 5 * S; /* whatever our clock says */
     assert_refused(
-        "refused: too late, it was asked for 65.0 s ago by the database's clock, and 60 s are allowed");
+        "refused: too late, it was requested 65.0 s ago by the database's clock, and 60 s are allowed");
     ask(APC_SETPOINT, SET_R, 2);
     asked.time -= MOST + 5 * S;
     assert_refused(" s ago by the loop's clock, and 60 s are allowed");
@@ -223,7 +223,7 @@ static void what_nobody_would_apply_is_not_written(void **state)
     ticked(BASE, 40 * S);
     ask(APC_SETPOINT, SET_R, 2);
     assert_refused(
-        "refused: nobody applies it: controller base's last tick was 40 s ago. Nothing was written");
+        "refused: no controller applies it: controller base's last tick was 40 s ago. Nothing was written");
     ticked(BASE, 3 * S); /* three periods, and a little more */
     assert_written();
 }
@@ -247,7 +247,8 @@ static void what_has_never_ticked_applies_nothing(void **state)
                                         MOST, &why),
                      0);
     ask(APC_SETPOINT, SET_W, 2);
-    assert_refused("refused: nobody applies it: controller upper has never ticked. Nothing was written");
+    assert_refused(
+        "refused: no controller applies it: controller upper has never ticked. Nothing was written");
     ask(APC_OPMODE, 0, APC_MODE_MAN); /* whoever comes will */
     assert_written();
     assert_settled("written");

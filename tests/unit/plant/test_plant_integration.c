@@ -397,7 +397,7 @@ static void what_cannot_be_integrated_is_refused_at_creation(void **state)
     half = bounded;
     half.abi++;
     assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "compile it anew"));
+    assert_non_null(strstr(why.text, "compile it again"));
     for (int what = 0; what < 5; what++) { /* a table with a variable that has no name, each of them */
         static const struct apc_param nameless[] = {{"x", "", "", 0.0, 0.0, 1.0},
                                                     {NULL, "", "", 0.0, 0.0, 1.0}};

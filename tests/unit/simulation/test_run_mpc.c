@@ -175,7 +175,7 @@ static void a_plan_that_is_not_found_in_time_is_told(void **state)
         begin_with("controller.settings.iterations", "1", "( [6.1315, 6.3915], [9.5, 2.0] )");
     (void)state;
     run(s, 300);
-    assert_true(told(s, "law mpc: no plan in time, after 1 changes: the former one goes on") >= 1);
+    assert_true(told(s, "law mpc: no plan in time, after 1 changes: the former one continues") >= 1);
     apc_simulation_destroy(s);
 }
 

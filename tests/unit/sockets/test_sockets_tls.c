@@ -676,7 +676,7 @@ static void an_identity_that_peers_would_not_take_for_the_same_is_left_alone(voi
     static const struct {
         const char *file, *said;
     } others[] = {{"ours/client.pem", "it is none of a plant"},
-                  {"ours/elsewhere.pem", "it bears another name"},
+                  {"ours/elsewhere.pem", "it has another name"},
                   {"theirs/plant.pem", "it is of another authority"},
                   {"their-plant.pem", "it is of another authority"},
                   {"any-plant.pem", "it is none of a plant"},

@@ -235,11 +235,11 @@ static void what_the_store_does_not_do_is_said_and_nothing_more_is_known_than_it
         int error, http, alarm_http;
         const char *code, *message, *state; /* of the write, where it had begun */
     } cases[] = {
-        {CONNECT, APC_ECONN, 503, 0, "store", "the database is away: as it was told to", "failed"},
-        {READ, APC_ECONN, 503, 0, "store", "the database is away: as it was told to", "failed"},
-        {AUTHOR, APC_ECONN, 503, 503, "store", "the database is away: as it was told to", "failed"},
-        {AUTHOR, APC_ENOMEM, 503, 503, "store", "the database is away: out of memory", "failed"},
-        {IS_HISTORY, APC_ECONN, 503, 503, "store", "the database is away: as it was told to", "failed"},
+        {CONNECT, APC_ECONN, 503, 0, "store", "the database is offline: as it was told to", "failed"},
+        {READ, APC_ECONN, 503, 0, "store", "the database is offline: as it was told to", "failed"},
+        {AUTHOR, APC_ECONN, 503, 503, "store", "the database is offline: as it was told to", "failed"},
+        {AUTHOR, APC_ENOMEM, 503, 503, "store", "the database is offline: out of memory", "failed"},
+        {IS_HISTORY, APC_ECONN, 503, 503, "store", "the database is offline: as it was told to", "failed"},
         {ONE, 0, 503, 503, "store", "the database is a history, which no loop reads", "failed"},
         {SWAP, APC_ECONN, 504, 504, "unknown", "whether it was written is not known", "unknown"},
         {SWAP, APC_ETIMEDOUT, 504, 504, "unknown", "whether it was written is not known", "unknown"},
@@ -295,7 +295,7 @@ static void who_was_slower_is_told_what_is_there(void **state)
     assert_true(is_in(&request.extra, "\"current\":{\"tuning.1\":"));
     assert_int_equal(write_one(&writings[3]), 409);
     assert_string_equal(request.fault.message,
-                        "y.high: somebody else was faster, and nothing was written: look again");
+                        "y.high: another user changed it first, and nothing was written: look again");
 }
 
 static void the_seq_of_a_write_is_told_when_it_has_one(void **state)
@@ -377,7 +377,7 @@ static void alarms_that_cannot_be_read_are_not_answered(void **state)
         assert_int_equal(ask(reads[i], ""), 200);
         let_fail(ROWS, APC_ECONN);
         assert_int_equal(ask(reads[i], ""), 503);
-        assert_string_equal(request.fault.message, "the database is away: as it was told to");
+        assert_string_equal(request.fault.message, "the database is offline: as it was told to");
         let_fail(ROWS, APC_EPERM);
         assert_int_equal(ask(reads[i], ""), 503);
         assert_string_equal(request.fault.message, "as it was told to");

@@ -199,7 +199,7 @@ static void ready_is_what_ticks(void **state)
     now_of(APC_SENSOR, 2)->seq = 0;
     assert_string_equal(ask_text(get_readyz), "y2: no sample yet\n");
     ui->model.connected = false;
-    assert_string_equal(ask_text(get_readyz), "the database is away\n");
+    assert_string_equal(ask_text(get_readyz), "the database is offline\n");
     assert_int_equal(request.status, 503);
 }
 

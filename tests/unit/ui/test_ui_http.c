@@ -652,7 +652,7 @@ static void what_nobody_would_apply_is_not_written(void **state)
     const json_t *error = json_object_get(json, "error");
     assert_string_equal(text_of(error, "code"), "nobody");
     assert_string_equal(text_of(error, "message"),
-                        "nobody applies it: controller base has never ticked. Nothing was written");
+                        "no controller applies it: controller base has never ticked. Nothing was written");
     json_decref(json);
     ui->model.tick[0].seq = 1;
     assert_true(apc_store_read(store, &now, 1) >= 0);

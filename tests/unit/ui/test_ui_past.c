@@ -814,7 +814,7 @@ static void plants_that_could_not_be_listed_are_not_asked_for_at_once_again(void
     json_decref(ask(get_plants));
     assert_int_equal(request.fault.http, 503);
     assert_string_equal(request.fault.code, "store");
-    assert_non_null(strstr(request.fault.message, "the database is away: "));
+    assert_non_null(strstr(request.fault.message, "the database is offline: "));
     ui->listing.made = apc_clock_mono(NULL) - S;
     json_t *json = ask(get_plants);
     assert_int_equal(request.fault.http, 0);

@@ -334,13 +334,13 @@ static void nobody_applies_it_when_its_own_controller_does_not_tick(void **state
     land(OTHER, &other);
     settle(0);
     assert_string_equal(told, "accepted accepted unknown"); /* at once, and the other's does */
-    shows("key-0001", "written, but nobody applies it: controller base's last tick was 7.0 s ago");
+    shows("key-0001", "written, but no controller applies it: controller base's last tick was 7.0 s ago");
     tick[0].time = NOW;
     took(Z, 12, APC_GOOD);
     tick[1].seq = 0; /* it never did */
     settle(S);
     assert_string_equal(told, "accepted accepted unknown applied unknown");
-    shows("key-0002", "nobody applies it: controller upper has never ticked");
+    shows("key-0002", "no controller applies it: controller upper has never ticked");
 }
 
 static void what_no_controller_has_is_taken_by_nobody(void **state)
@@ -561,7 +561,7 @@ static void a_lost_answer_waits_for_its_own_row(void **state)
     settle(S);
     assert_string_equal(told, "unknown failed");
     assert_non_null(
-        strstr(shown("key-0001"), "\"stored\":false,\"reason\":\"it was not written: somebody else"));
+        strstr(shown("key-0001"), "\"stored\":false,\"reason\":\"it was not written: another user"));
     told[0] = '\0';
     c = change_of(Z, 11); /* and one below */
     begin("key-0002", WRITE_SETPOINT, &c, 1);

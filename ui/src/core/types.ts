@@ -304,7 +304,7 @@ export interface LoopHealth {
   at_low: number | null;
   at_high: number | null;
   index: number | null;
-  swing_s: number | null;
+  oscillation_s: number | null;
   travel_per_h: number | null;
   reversals_per_h: number | null;
 }

@@ -18,7 +18,7 @@ import {useCell} from "../usecell";
 
 const TIMES = [{name: "common.last8h", seconds: 28800}, {name: "common.last24h", seconds: 86400}, {name: "common.last7d", seconds: 7 * 86400}] as const;
 const LATE = 60; // s that an answer may take: others may be judged before it
-const NEEDS = ["sensor", "valve", "tight", "periodic", "swings"]; // somebody
+const NEEDS = ["sensor", "valve", "tight", "periodic", "oscillates"]; // somebody
 
 export function HealthPage(): JSX.Element {
   const p = useCell(plant);
@@ -120,7 +120,7 @@ function Row({of: one, plant: p}: {of: LoopHealth; plant: Plant}): JSX.Element {
       <td class="number" data-label={tr("health.service")}><Share of={one.service} percent /></td>
       <td class="number" data-label={tr("health.limits")}><Share of={one.at_low == null || one.at_high == null ? null : one.at_low + one.at_high} percent /></td>
       <td class="number" data-label={tr("health.index")}><Share of={one.index} /></td>
-      <td class="number" data-label={tr("health.swing")}>{few(one.swing_s, "s")}</td>
+      <td class="number" data-label={tr("health.swing")}>{few(one.oscillation_s, "s")}</td>
       <td class="number" data-label={tr("health.travel")}>{few(one.travel_per_h, `${variable(loop?.output ?? null)?.unit ?? ""}/h`)}</td>
       <td class="number" data-label={tr("health.reversals")}>{few(one.reversals_per_h, "/h")}</td>
       <td>{signals.length > 0 && one.until > one.since && <a class="button" href={path("trend", pensAbout(signals.map(each => nameOf(each, p.variables)), {live: false, span: one.until - one.since, to: one.until}))}>{tr("page.trend")}<span class="hidden"> {one.loop}</span></a>}</td>

@@ -136,7 +136,7 @@ function Enter(): JSX.Element {
 }
 
 /** For the record, in English: how things stood when it was signed. */
-const summary = (s: Shift): string => `read and signed: ${s.open.length} alarms open, ${s.masked.length} masked, ${s.loops.length} loops not as usual, ${s.taken.length} setpoints taken, ${s.entries.length} entries`;
+const summary = (s: Shift): string => `read and signed: ${s.open.length} alarms open, ${s.masked.length} masked, ${s.loops.length} loops not in Auto or Cas, ${s.taken.length} setpoints Local, ${s.entries.length} entries`;
 
 function Handover(): JSX.Element {
   const barred = useWriteBar();

@@ -24,38 +24,38 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 def _parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="python -m libapc.opcua", description="OPC UA for libapc: docs/opcua.md")
     commands = top.add_subparsers(dest="command", required=True)
-    serve = commands.add_parser("serve", help="a store as an OPC UA server")
-    serve.add_argument("store", metavar="STORE", help="its URI")
+    serve = commands.add_parser("serve", help="serve a store by OPC UA")
+    serve.add_argument("store", metavar="STORE", help="URI of the store")
     serve.add_argument("--listen", default="opc.tcp://127.0.0.1:4840", metavar="URL", help="default: %(default)s")
-    serve.add_argument("--period", type=float, default=0.5, metavar="S", help="how often the store is read; default: %(default)s")
-    serve.add_argument("--users", type=Path, metavar="FILE", help="of apc user; default: the page's, if there is one")
+    serve.add_argument("--period", type=float, default=0.5, metavar="S", help="time between two reads of the store, in s; default: %(default)s")
+    serve.add_argument("--users", type=Path, metavar="FILE", help="users, made by apc user; default: the page's file, if it exists")
     serve.add_argument("--anonymous", choices=users.ROLES, metavar="ROLE",
-                       help="what who does not log in may: none, observer, operator, engineer; default: observer, beyond "
-                       "loopback none")
+                       help="role of clients without a login: none, observer, operator, engineer; default: observer, on "
+                       "other addresses than loopback none")
     _identity(serve)
-    serve.add_argument("--trust", type=Path, metavar="FOLDER", help="of the clients' certificates; default: any is taken")
-    plant = commands.add_parser("plant", help="an OPC UA server as a plant, for apc-client's link")
-    plant.add_argument("url", metavar="URL", help="of the server, opc.tcp://HOST:PORT")
-    plant.add_argument("--listen", default="tcp:127.0.0.1:43051", metavar="LINK", help="for the client; default: %(default)s")
+    serve.add_argument("--trust", type=Path, metavar="FOLDER", help="folder of the trusted clients' certificates; default: all are trusted")
+    plant = commands.add_parser("plant", help="make an OPC UA server a plant, for the link of apc-client")
+    plant.add_argument("url", metavar="URL", help="address of the server, opc.tcp://HOST:PORT")
+    plant.add_argument("--listen", default="tcp:127.0.0.1:43051", metavar="LINK", help="address for apc-client; default: %(default)s")
     plant.add_argument("--measure", action="append", default=[], metavar="NODE", help="a measurement, in the experiment's order")
     plant.add_argument("--output", action="append", default=[], metavar="NODE[=SAFE]",
                        help="an output, in the experiment's order, and its safe value; default: 0")
     plant.add_argument("--watchdog", type=float, default=5.0, metavar="S",
-                       help="without a new command for so long the safe values are written; default: %(default)s")
-    plant.add_argument("--timeout", type=float, default=1.0, metavar="S", help="of an exchange; default: %(default)s")
-    plant.add_argument("--user", metavar="NAME")
-    plant.add_argument("--password-file", type=Path, metavar="FILE", help="0600; its first line")
+                       help="time without a new command after which the safe values are written, in s; default: %(default)s")
+    plant.add_argument("--timeout", type=float, default=1.0, metavar="S", help="time limit of an exchange, in s; default: %(default)s")
+    plant.add_argument("--user", metavar="NAME", help="user name at the server")
+    plant.add_argument("--password-file", type=Path, metavar="FILE", help="file with mode 0600 whose first line is the password")
     _identity(plant)
-    plant.add_argument("--server-certificate", type=Path, metavar="FILE", help="whom it believes; with --certificate")
-    certificate = commands.add_parser("certificate", help="make a key and a certificate that signs itself")
-    certificate.add_argument("folder", type=Path, metavar="FOLDER", help="for certificate.der and key.pem")
-    certificate.add_argument("--host", default="localhost", help="default: %(default)s")
+    plant.add_argument("--server-certificate", type=Path, metavar="FILE", help="certificate of the server to trust; with --certificate")
+    certificate = commands.add_parser("certificate", help="make a key and a self-signed certificate")
+    certificate.add_argument("folder", type=Path, metavar="FOLDER", help="folder for certificate.der and key.pem")
+    certificate.add_argument("--host", default="localhost", help="host name in the certificate; default: %(default)s")
     return top
 
 
 def _identity(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--certificate", type=Path, metavar="FILE", help="DER or PEM: from then on all is encrypted")
-    command.add_argument("--key", type=Path, metavar="FILE", help="PEM, without a password")
+    command.add_argument("--certificate", type=Path, metavar="FILE", help="own certificate, DER or PEM; all traffic is then encrypted")
+    command.add_argument("--key", type=Path, metavar="FILE", help="its private key, PEM, without a password")
 
 
 class _Refused(Exception):
@@ -84,9 +84,9 @@ def _serve(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
     here = at.hostname in _LOOPBACK
     anonymous = args.anonymous or ("observer" if here else "none")
     if not here and not args.certificate:
-        raise _Refused(f"{at.hostname} is beyond loopback: that takes --certificate and --key (python -m libapc.opcua certificate)")
+        raise _Refused(f"{at.hostname} is not loopback: give --certificate and --key (python -m libapc.opcua certificate)")
     if not here and anonymous in users.ROLES[2:]:
-        raise _Refused(f"--anonymous {anonymous}: beyond loopback who does not log in may look at most")
+        raise _Refused(f"--anonymous {anonymous}: on other addresses than loopback, clients without a login may at most observe")
     if not 0.01 <= args.period <= 3600:
         raise _Refused(f"--period {args.period:g}: expected 0.01 to 3600 s")
     file: Optional[Path] = args.users or users.default()
@@ -103,7 +103,7 @@ def _plant(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
     plant = import_module(".plant", __package__)
     _check_identity(args)
     if args.certificate and not args.server_certificate:
-        raise _Refused("--certificate takes --server-certificate: else nobody knows whom it talks to")
+        raise _Refused("--certificate needs --server-certificate: else the server is not authenticated")
     scheme, _, where = args.listen.partition(":")
     host, _, port = where.rpartition(":")
     if scheme != "tcp" or not port.isdecimal() or host.strip("[]") not in _LOOPBACK:

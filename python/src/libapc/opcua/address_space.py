@@ -89,7 +89,7 @@ class Space:
         return self._historized.get(node)
 
     async def say(self, text: str) -> None:
-        """An event of the server, for whoever listens."""
+        """An event of the server, for its subscribers."""
         self._said.event.Severity = 400
         await self._said.trigger(message=text)
 

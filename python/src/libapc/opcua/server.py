@@ -319,7 +319,7 @@ class Server:
             seen = await loop.run_in_executor(self._reader, self._source.look)
         except Error as e:
             if not self._away:
-                say(f"the store is away: {e}")
+                say(f"the store is offline: {e}")
                 await self._space.away()
             self._away = True
             return

@@ -584,7 +584,7 @@ static void test_a_spool_that_cannot_even_begin_says_why(void **state)
     int rc = apc_store_append(store, &s, 1);
     limit_files(RLIM_INFINITY);
     assert_int_equal(rc, APC_ESTORE);
-    assert_says(apc_store_error(store), "cannot be written: what comes now is lost");
+    assert_says(apc_store_error(store), "cannot be written: new rows are lost");
     assert_says(apc_store_error(store), "(the store: ");
     assert_says(apc_store_error(store), "connection to the database lost");
     append(store, 1, 2); /* there is room again */
@@ -676,7 +676,7 @@ static void test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside(
     ok(other, apc_store_append(other, &theirs, 1));
     proxy_set(proxy, PROXY_PASS);
     assert_int_equal(apc_store_connect(store), APC_ECONFLICT);
-    assert_says(apc_store_error(store), "somebody else wrote the same sensor");
+    assert_says(apc_store_error(store), "another writer wrote the same sensor");
     assert_int_equal(stats_of(store).damaged, 1);
     snprintf(pattern, sizeof pattern, "%s.conflict-", spool);
     assert_says(stats_of(store).aside, pattern);
