@@ -43,26 +43,94 @@ class Plant:
     outputs: Sequence[Variable] = ()
     parameters: Sequence[Parameter] = ()
     x0: Sequence[float] = ()  #: the states as it starts, for `derivative`; `start` may set self.x instead
+    z0: Sequence[float] = ()  #: algebraic variables, where `residual` is solved for them first
     tolerance = 1e-8  #: of the integration of `derivative`, relative to 1 or the state
 
     x: list[float]  #: the states now
+    z: list[float]  #: the algebraic variables, as they were solved for last
 
     def start(self) -> None:
         """Before the first step: parameters are known."""
         self.x = [float(v) for v in self.x0]
 
     def derivative(self, t: float, x: Sequence[float], u: Sequence[float]) -> Sequence[float]:
-        """dx/dt; t in s since its start, u held."""
+        """dx/dt; t in s since its start, u held. Here and below z follows x in one list."""
+        raise NotImplementedError
+
+    def residual(self, t: float, x: Sequence[float], u: Sequence[float]) -> Sequence[float]:
+        """As many numbers as there are in z0, which are 0 at the algebraic variables."""
         raise NotImplementedError
 
     def output(self, t: float, x: Sequence[float], u: Sequence[float]) -> Sequence[float]:
-        """What is measured; without it the first states."""
+        """What is measured; without it the first of them."""
         return x[:len(self.outputs)]
 
     def step(self, t: float, dt: float, u: Sequence[float]) -> Sequence[float]:
         """Go on from t to t + dt (s) with u, and return what is measured then. Without it `derivative` is integrated."""
-        self.x = _integrate(self.derivative, t, dt, self.x, u, self.tolerance)
-        return self.output(t + dt, self.x, u)
+        self.x = _integrate(lambda t, x, u: self.derivative(t, self._complete(t, x, u), u), t, dt, self.x, u, self.tolerance)
+        return self.output(t + dt, self._complete(t + dt, self.x, u), u)
+
+    def _complete(self, t: float, x: list[float], u: Sequence[float]) -> list[float]:
+        if not self.z0:
+            return x
+        self.z = _solve(lambda z: _numbers("residual", self.residual(t, x + z, u), len(z)), getattr(self, "z", list(map(float, self.z0))))
+        return x + self.z
+
+
+# ---- Algebraic equations: Newton's method ---------------------------------------------------------------------------
+
+
+def _solve(residual: Callable[[list[float]], list[float]], z: list[float]) -> list[float]:
+    n, r = len(z), residual(z)
+    for _ in range(50):
+        rows = [[0.0] * n + [r[i]] for i in range(n)]
+        for j in range(n):
+            moved = z[:j] + [z[j] + 1e-7 * max(1.0, abs(z[j]))] + z[j + 1:]
+            for row, a, b in zip(rows, residual(moved), r):
+                row[j] = (a - b) / (moved[j] - z[j])
+        for i, row in enumerate(rows):
+            if not all(map(math.isfinite, row)):
+                raise ArithmeticError(f"number {i + 1} of residual is {row[n]:g} at z = {_listed(z)}, or no number beside it")
+        step = _eliminate(rows)
+        part = 1.0
+        while True:  # back from where they are not defined
+            there = [a - part * b for a, b in zip(z, step)]
+            r = residual(there)
+            if all(map(math.isfinite, r)) or part < 1e-6:
+                break
+            part /= 2.0
+        solved = all(abs(b) <= 1e-9 * max(1.0, abs(a)) for a, b in zip(there, step))
+        z = there
+        if solved:
+            return z
+    worst = max(range(n), key=lambda i: abs(r[i]))
+    raise ArithmeticError(f"no solution of residual was found near z = {_listed(z)}, "
+                          f"where number {worst + 1} of it is {r[worst]:g}; another z0 may lead to one")
+
+
+def _listed(z: list[float]) -> str:
+    return ", ".join(f"{v:g}" for v in z)
+
+
+def _eliminate(rows: list[list[float]]) -> list[float]:
+    """The solution of n equations, each n coefficients and the right side."""
+    n = len(rows)
+    scale = [max(abs(row[j]) for row in rows) or 1.0 for j in range(n)]  # so that units do not count
+    rows = [[a / b for a, b in zip(row, scale)] + row[n:] for row in rows]
+    rows = [[a / (max(map(abs, row[:n])) or 1.0) for a in row] + [i + 1] for i, row in enumerate(rows)]
+    for k in range(n):
+        best = max(range(k, n), key=lambda i: abs(rows[i][k]))
+        if not abs(rows[best][k]) > 1e-6:
+            raise ArithmeticError(f"number {rows[-1][-1]} of {n} of residual determines no algebraic variable that the others do not: "
+                                  "the index is above 1; differentiate it by time, or leave it out with a variable of its own")
+        rows[k], rows[best] = rows[best], rows[k]
+        for row in rows[k + 1:]:
+            factor = row[k] / rows[k][k]
+            row[k:n + 1] = [a - factor * b for a, b in zip(row[k:n + 1], rows[k][k:n + 1])]
+    x = [0.0] * n
+    for k in reversed(range(n)):
+        x[k] = (rows[k][n] - sum(rows[k][j] * x[j] for j in range(k + 1, n))) / rows[k][k]
+    return [a / b for a, b in zip(x, scale)]
 
 
 # ---- Integration: Dormand and Prince, 5(4) -------------------------------------------------------------------------
@@ -131,7 +199,7 @@ class _Run:
         self.plant.start()
         u = [float(Variable(*v).initial) for v in self._class.inputs]
         if self._class.step is Plant.step:
-            return self._measured("output", self.plant.output(0.0, self.plant.x, u))
+            return self._measured("output", self.plant.output(0.0, self.plant._complete(0.0, self.plant.x, u), u))
         return self._measured("outputs", [Variable(*v).initial for v in self._class.outputs])
 
     def step(self, number: Sequence[float]) -> Sequence[float]:
