@@ -141,7 +141,7 @@ _C = (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
 _E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)  # fifth order less fourth
 
 
-def _integrate(f: Callable[[float, Sequence[float], Sequence[float]], Any], t: float, dt: float, x: list[float],
+def _integrate(f: Callable[[float, list[float], Sequence[float]], Any], t: float, dt: float, x: list[float],
                u: Sequence[float], tolerance: float) -> list[float]:
     end, h, n = t + dt, dt, len(x)
     while t < end:
