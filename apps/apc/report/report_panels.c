@@ -72,8 +72,8 @@ static bool has_doubtful(const struct report_series *series)
 
 /* A point with what came before it, or NULL. Columns: t, value, value where a limit holds it back, value where
  * it is not Good. A Bad measurement (@p gap > 0) is none, a Bad output still went out. */
-static void put_point(FILE *script, const struct report_point *at, const struct report_point *before,
-                      double gap)
+static void put_series_point(FILE *script, const struct report_point *at, const struct report_point *before,
+                             double gap)
 {
     const double doubtful = at->severity == APC_SEVERITY_GOOD ? (double)NAN : at->value;
     if (gap > 0 && at->severity == APC_SEVERITY_BAD) {
@@ -124,7 +124,7 @@ static void put_series(FILE *script, const char *name, size_t i, const struct re
         for (size_t k = first; k < next; k++)
             if (k == first || k == low || k == high || k == next - 1) {
                 const struct report_point *at = &series->points[k];
-                put_point(script, at, k == first ? before : at - 1, gap);
+                put_series_point(script, at, k == first ? before : at - 1, gap);
                 before = gap > 0 && at->severity == APC_SEVERITY_BAD ? before : at;
             }
     }
