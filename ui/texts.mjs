@@ -23,6 +23,17 @@ function lines(list) {
   return `\`${list.join("\n").replace(/[\\`$]/g, "\\$&")}\`.split("\\n")`;
 }
 
+/** A name that ends with a dot begins those after it. */
+function grouped(names) {
+  let group = "";
+  return names.flatMap(name => {
+    const [, of, own] = /^(.*?\.)(.*)$/.exec(name);
+    const head = of === group ? [] : [of];
+    group = of;
+    return [...head, own];
+  });
+}
+
 /** What esbuild takes the texts and their names by. */
 export async function texts() {
   const [en, de, sentences, digest] = await Promise.all(["texts.en", "texts.de", "sentences.de", "core/digest"].map(exported));
@@ -35,7 +46,7 @@ export async function texts() {
   if (new Set(english).size < english.length) throw new Error("two sentences have one digest");
   const place = new Map(keys.map((key, i) => [key, i]));
   const made = {
-    "texts.en.ts": `const names=${lines(named)};export const both=list=>({...list,...Object.fromEntries(names.map((name,i)=>[name,list[i]]))});export const en=both(${lines(keys.map(key => en[key]))})`,
+    "texts.en.ts": `let group;const names=${lines(grouped(named))}.flatMap(name=>name.endsWith(".")?(group=name,[]):[group+name]);export const both=list=>({...list,...Object.fromEntries(names.map((name,i)=>[name,list[i]]))});export const en=both(${lines(keys.map(key => en[key]))})`,
     "texts.de.ts": `import {both} from "./texts.en";export const de=both(${lines(keys.map(key => de[key]))})`,
     "sentences.de.ts": `const german=${lines(Object.values(sentences))};export const sentences=Object.fromEntries(${lines(english)}.map((english,i)=>[english,german[i]]))`,
   };

@@ -8,7 +8,7 @@ import {priorityOf} from "../src/core/alarms";
 import {added, type Group, groupsOf, keeping, MOST_GROUPS} from "../src/core/groups";
 import {marksOf, near} from "../src/core/marks";
 import {chosen, joined, pensAbout, signalsOf} from "../src/core/pens";
-import {shifted} from "../src/core/series";
+import {percentiles, shifted} from "../src/core/series";
 import type {AlarmIs, Loop, PlantEvent} from "../src/core/types";
 import {plant} from "./plant";
 
@@ -95,4 +95,13 @@ test("a value is dragged as itself, a link as what it leads to", () => {
 test("a link to the beginning of time is none", () => {
   for (const to of ["1", "600", "0", "-5", "2e9"]) assert.equal(chosen(`pens=y1;to=${to}`, 1.9e9).faults.length, 1, to);
   assert.deepEqual(chosen("pens=y1;to=1763730000", 1.9e9).window, {live: false, span: 600, to: 1763730000});
+});
+
+test("percentiles count each value as long as it stood", () => {
+  const mid = [1, 5, null, 9];
+  const s = {t: [0, 90, 95, 100], low: mid, high: mid, mid};
+  assert.deepEqual(percentiles(s, 0, 95, [5, 50, 95]), [1, 1, 5]);
+  assert.deepEqual(percentiles(s, 80, 100, [5, 50, 95]), [1, 1, 5]);
+  assert.deepEqual(percentiles(s, 95, 99, [50]), [null]);
+  assert.deepEqual(percentiles(s, 100, 120, [50]), [9]);
 });

@@ -202,7 +202,7 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   assert.equal(said(".readout"), "current y2 5.000 T 300.000");
   assert.deepEqual([...new Set(asked)].sort(), ["sensor.2", "sensor.3"]);
   assert.deepEqual(said(".pens tbody th"), "y2 | T");
-  assert.equal(said(".pens tbody tr:nth-child(2) td.number").split(" | ").slice(1).join(" "), "290.000 290.000 310.000", "each value counts as long as it stood");
+  assert.equal(said(".pens tbody tr:nth-child(2) td.number").split(" | ").slice(1).join(" "), "290.000 290.000 310.000 290.000 290.000 290.000", "each value counts as long as it stood");
   assert.equal(said(".complaint"), "");
   assert.equal(document.querySelectorAll(".plots .uplot").length, 2, "a panel for each unit");
   // More of them, by what they are

@@ -119,23 +119,40 @@ export interface Statistics {
   max: number | null;
 }
 
-/** Of what stood between two times. */
-export function statistics(s: Series, from: number, to: number): Statistics {
-  const out: Statistics = {min: null, mean: null, max: null};
-  let sum = 0;
-  let time = 0;
+/** What stood between two times, and how long. */
+function stoodIn(s: Series, from: number, to: number): (Stood & {time: number})[] {
+  const all = [];
   for (let i = Math.max(0, indexAt(s, from)); i < s.t.length && (s.t[i] as number) <= to; i++) {
     const [low, high, mid] = [s.low[i], s.high[i], s.mid[i]];
     if (low == null || high == null || mid == null) continue;
     const begin = Math.max(from, s.t[i] as number);
-    const stood = Math.max(0, Math.min(to, s.t[i + 1] ?? begin) - begin);
+    all.push({low, mid, high, time: Math.max(0, Math.min(to, s.t[i + 1] ?? begin) - begin)});
+  }
+  return all;
+}
+
+export function statistics(s: Series, from: number, to: number): Statistics {
+  const out: Statistics = {min: null, mean: null, max: null};
+  let sum = 0;
+  let all = 0;
+  for (const {low, mid, high, time} of stoodIn(s, from, to)) {
     out.min = Math.min(low, out.min ?? low);
     out.max = Math.max(high, out.max ?? high);
-    sum += mid * stood;
-    time += stood;
-    out.mean = time > 0 ? sum / time : mid;
+    sum += mid * time;
+    all += time;
+    out.mean = all > 0 ? sum / all : mid;
   }
   return out;
+}
+
+/** Below or at which it stood for so many per cent of the time; of bins their middles count. */
+export function percentiles(s: Series, from: number, to: number, parts: readonly number[]): (number | null)[] {
+  const sorted = stoodIn(s, from, to).sort((a, b) => a.mid - b.mid);
+  const all = sorted.reduce((sum, one) => sum + one.time, 0);
+  return parts.map(part => {
+    let sum = 0;
+    return sorted.find(one => (sum += one.time) >= (part / 100) * all * (1 - 1e-12))?.mid ?? null;
+  });
 }
 
 /** Of a point; low and high are others than mid where it is a bin, and lie around it. */

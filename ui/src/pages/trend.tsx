@@ -24,7 +24,7 @@ import {trajectoryRows, trajectorySeries, expectedOf, horizon, predictors} from 
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
-import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
+import {empty, percentiles, type Series, shifted, statistics, valueAt} from "../core/series";
 import {type Column, Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, titles} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
@@ -431,7 +431,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => told(row.ref, value))])} />}
       {table && shownMarks.length > 0 && <Table caption={tr("trend.eventsCaption", {zone})} head={[tr("trend.time"), tr("trend.event")]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
       <SignalsOf names={[...new Set(refsIn(subject).flatMap(ref => variable(ref)?.name ?? []))]} bounds={() => bounds(win, shownNow())} />
-      {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
+      {pens && <PenTable subject={subject} curves={curves} win={win} cursor={cursor} reference={reference} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );
 }
@@ -450,12 +450,19 @@ function earlierOf(span: number, compare: number, runs: {name: string; by: numbe
   return compare > 0 && !all.some(one => one.by === compare) ? [...all, {name: tr("trend.before", {time: duration(compare)}), by: compare}] : all;
 }
 
-/** The signals of this trend, and how they were in its window. */
-function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Curves; win: Window; remove: (ref: Ref) => void}): JSX.Element {
+const PARTS = [5, 50, 95] as const;
+
+/** The signals of this trend, and how they were in its window; with a second cursor, between both, as the first last stood. */
+function PenTable({subject, curves, win, cursor, reference, remove}: {subject: Subject; curves: Curves; win: Window; cursor: Cell<number | null>; reference: number | null; remove: (ref: Ref) => void}): JSX.Element {
   useCell(second);
-  const [from, to] = bounds(win, shownNow());
+  const at = useCell(cursor);
+  const stood = useRef<number | null>(null);
+  stood.current = reference == null ? null : (at ?? stood.current);
+  const both = reference != null && stood.current != null && stood.current !== reference ? [reference, stood.current].sort((a, b) => a - b) as [number, number] : null;
+  const [from, to] = both ?? bounds(win, shownNow());
   return (
     <div class="panel scroll pens" tabIndex={0} role="region" aria-label={tr("trend.signals")}>
+      {both && <p class="say">{tr("trend.between", {range: fromUntil(from, to)})}</p>}
       <table class="data cards">
         <thead>
           <tr>
@@ -466,6 +473,7 @@ function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Cur
             <th scope="col" class="number">{tr("trend.min")}</th>
             <th scope="col" class="number">{tr("trend.mean")}</th>
             <th scope="col" class="number">{tr("trend.max")}</th>
+            {PARTS.map(part => <th key={part} scope="col" class="number">{part} %</th>)}
             <th scope="col"><span class="hidden">{tr("trend.remove")}</span></th>
           </tr>
         </thead>
@@ -482,6 +490,7 @@ function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Cur
                 <td class="number" data-label={tr("trend.min")}>{told(pen.ref, min)}</td>
                 <td class="number" data-label={tr("trend.mean")}>{number(mean, decimals(pen.ref))}</td>
                 <td class="number" data-label={tr("trend.max")}>{told(pen.ref, max)}</td>
+                {percentiles(curves.drawn(pen.ref), from, to, PARTS).map((value, i) => <td key={i} class="number" data-label={`${PARTS[i]} %`}>{told(pen.ref, value)}</td>)}
                 <td class="acts"><button type="button" aria-label={tr("trend.removeOf", {signal: one?.name ?? pen.ref})} onClick={() => remove(pen.ref)}>✕</button></td>
               </tr>
             );
