@@ -783,10 +783,6 @@ export const en = {
 
   // workbench
   "signals.title": "Figures",
-  "signals.compute": "Compute",
-  "signals.deviation": "Standard deviation",
-  "signals.strongest": "Strongest period, s",
-  "signals.best": "{from}, {to}: correlation {value}, {to} {lag} s later",
   "signals.histogram": "histogram",
   "signals.spectrum": "spectrum",
   "signals.correlation": "correlation",
@@ -811,7 +807,6 @@ export const en = {
   "workbench.identify": "Identify",
   "workbench.order": "Lags",
   "workbench.candidates": "Candidates",
-  "workbench.fitShort": "Fit",
   "workbench.lock": "Keep this model",
   "workbench.identifying": "identifying …",
   "workbench.identified": "{n} samples, one each {period} s; records: {records}; {time}",
@@ -845,7 +840,6 @@ export const en = {
   "workbench.margins": "Margins and figures",
   "workbench.unstable": "Unstable with this model: not to be written.",
   "workbench.worst": "worst of {n} models",
-  "workbench.fragile": "Unstable with {unstable} of {n} models.",
   "workbench.gain_margin": "Gain margin",
   "workbench.phase_margin": "Phase margin",
   "workbench.delay_margin": "Delay margin",

@@ -89,10 +89,10 @@ test("from a record to a tuning that is written", {timeout: 300000}, async () =>
 
   // figures of the signals of a trend
   await page.evaluate(() => (location.hash = "trend"));
-  const compute = page.getByRole("button", {name: "Compute", exact: true});
+  const compute = page.getByRole("button", {name: "Figures", exact: true});
   await compute.focus();
   await page.keyboard.press("Enter");
-  await page.locator("[data-signal=y]").waitFor();
+  await page.locator(".signals .picture").first().waitFor();
   assert.ok((await page.locator(".signals .picture").count()) >= 4, "not one for each figure");
   assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
   const looked = await page.evaluate(() => window.axe.run(document.querySelector(".signals"), {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], resultTypes: ["violations"]}));

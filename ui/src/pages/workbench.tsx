@@ -284,7 +284,7 @@ function Margins({of: {present, proposed, worst, models, unstable}}: {of: Previe
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={tr("workbench.margins")}>
       {!proposed.stable && <p class="complaint" role="alert"><Note grave label={tr("workbench.unstable")} /> {tr("workbench.unstable")}</p>}
-      {proposed.stable && unstable > 0 && <p class="complaint" role="alert">{tr("workbench.fragile", {n: models, unstable})}</p>}
+      {proposed.stable && unstable > 0 && <p class="complaint" role="alert">{unstable} / {models}: {tr("workbench.unstable")}</p>}
       <table class="data">
         <caption>{tr("workbench.margins")}</caption>
         <thead><tr><th scope="col"><span class="hidden">{tr("workbench.margins")}</span></th><th scope="col" class="number">{tr("workbench.present")}</th><th scope="col" class="number">{tr("workbench.proposed")}</th>{worst && <th scope="col" class="number">{tr("workbench.worst", {n: models})}</th>}</tr></thead>

@@ -179,22 +179,15 @@ export interface Found {
 
 export function Candidates({all, chosen, locked, choose}: {all: Found[]; chosen: Tuned | null; locked: boolean; choose: (to: Tuned) => void}): JSX.Element {
   const title = tr("workbench.candidates");
-  const pen = (i: number): {colour: string; dash: number[]} => ({colour: `--pen-${(i % 6) + 1}`, dash: []});
   return (
     <>
-      <Curves
-        key={all.length}
-        aria={title}
-        label={title}
-        curves={all.map(({of}, i) => ({...pen(i), t: of.response.map((_, k) => k * of.step), v: of.response}))}
-      />
       <div class="scroll" tabIndex={0} role="region" aria-label={title}>
         <table class="data">
-          <thead><tr><th scope="col">{title}</th><th scope="col" class="number">{tr("workbench.fitShort")}</th>{NUMBERS.map(name => <th key={name} scope="col" class="number">{tr(`workbench.${name}`)}</th>)}</tr></thead>
+          <thead><tr><th scope="col">{title}</th><th scope="col" class="number">%</th>{NUMBERS.map(name => <th key={name} scope="col" class="number">{tr(`workbench.${name}`)}</th>)}</tr></thead>
           <tbody>
             {all.map(({of, fit, order, time}, i) => (
               <tr key={i}>
-                <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> <Stroke pen={pen(i)} /> {tr("workbench.order")} {order}, {time}</label></th>
+                <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> {order}, {time}</label></th>
                 <td class="number">{fit == null ? missing : `${exact(Number(fit.toPrecision(3)))} %`}</td>
                 {NUMBERS.map(name => <td key={name} class="number">{of[name] === 0 ? missing : plusMinus(of[name], of.error[name], "")}</td>)}
               </tr>
