@@ -133,11 +133,11 @@ const cell = {input: "u1", output: "y1", integrating: false, gain: 10, zero: 0, 
 // Promise(page/workbench)
 test("workbench: what the record cannot tell, a model, tunings that are tried, and nothing to write where it is unstable", async () => {
   const queries: Record<string, string>[] = [];
-  const found = {t: START, since: START - 600, until: START, period: 0.5, samples: 1200, inputs: ["u1"], outputs: [{name: "y1", fit: 20, white: 0, independent: 0, missing: 3, longest: 2}], cells: [cell]};
+  const found = {t: START, since: START - 600, until: START, period: 0.5, samples: 1200, records: 1, inputs: ["u1"], outputs: [{name: "y1", fit: 20, white: 0, independent: 0, missing: 3, longest: 2}], cells: [cell]};
   env.routes.set("/api/model", asked => asked.answer({error: {code: "record", message: "input 1 is 2 all the time"}}, 422));
   env.routes.set("/api/preview", asked => {
     queries.push(asked.query);
-    asked.answer({loop: 1, step: 1, begins: 50, suggested: {Kp: 0.5, tau_i: 10, tau_d: 0}, present: tried(0.2), proposed: tried(Number(asked.query.Kp ?? 0.5), asked.query.Kp == null)});
+    asked.answer({loop: 1, step: 1, begins: 50, suggested: {Kp: 0.5, tau_i: 10, tau_d: 0}, present: tried(0.2), models: 50, unstable: 2, worst: tried(0.5, false), proposed: tried(Number(asked.query.Kp ?? 0.5), asked.query.Kp == null)});
   });
   const was = model.plant.value!;
   model.plant.value = {...was, loops: was.loops.map(each => (each.id === 1 ? {...each, tuning: ["tuning.1", "tuning.2"], parameters: ["Kp", "tau_i"]} : each))};
@@ -152,7 +152,8 @@ test("workbench: what the record cannot tell, a model, tunings that are tried, a
   assert.match(said(".workbench"), /1200 samples, one each 0.5 s/);
   assert.match(said(".workbench"), /fits 20 % .*This model says little.*Missing samples: 3, at most 2 in a row/);
   assert.match(said(".workbench .pairs"), /^Gain 10 ± 0.2 Time constant 10 s, not known from the record Dead time 1 ± 0.2 s$/);
-  assert.deepEqual(queries.at(-1), {loop: "1", gain: "10", zero: "0", tau1: "10", tau2: "0", dead_time: "1", integrating: "0", rule: "simc"});
+  assert.deepEqual(queries.at(-1), {loop: "1", gain: "10", zero: "0", tau1: "10", tau2: "0", dead_time: "1", gain_error: "0.1", zero_error: "-1", tau1_error: "-1", tau2_error: "-1", dead_time_error: "0.1", integrating: "0", rule: "simc"});
+  assert.match(said(".workbench"), /Unstable with 2 of 50 models/);
   assert.match(said("#workbench-commission ~ p"), /^Kp 0.2 → 0.5/);
   assert.equal(button("Write the tuning").disabled, false);
   const slider = document.querySelector<HTMLInputElement>(".workbench input[name=Kp]")!;
