@@ -59,7 +59,7 @@ class Plant:
 
     def residual(self, t: float, x: Sequence[float], u: Sequence[float]) -> Sequence[float]:
         """As many numbers as there are in z0, which are 0 at the algebraic variables."""
-        raise NotImplementedError
+        raise NotImplementedError("there is a z0, and no method residual")
 
     def output(self, t: float, x: Sequence[float], u: Sequence[float]) -> Sequence[float]:
         """What is measured; without it the first of them."""
@@ -71,10 +71,10 @@ class Plant:
         return self.output(t + dt, self._complete(t + dt, self.x, u), u)
 
     def _complete(self, t: float, x: list[float], u: Sequence[float]) -> list[float]:
-        if not self.z0:
+        if not len(self.z0):
             return x
-        self.z = _solve(lambda z: _numbers("residual", self.residual(t, x + z, u), len(z)), getattr(self, "z", list(map(float, self.z0))))
-        return x + self.z
+        self.z = _solve(lambda z: _numbers("residual", self.residual(t, [*x, *z], u), len(z)), getattr(self, "z", list(map(float, self.z0))))
+        return [*x, *self.z]
 
 
 # ---- Algebraic equations: Newton's method ---------------------------------------------------------------------------
@@ -95,9 +95,13 @@ def _solve(residual: Callable[[list[float]], list[float]], z: list[float]) -> li
         part = 1.0
         while True:  # back from where they are not defined
             there = [a - part * b for a, b in zip(z, step)]
-            r = residual(there)
-            if all(map(math.isfinite, r)) or part < 1e-6:
-                break
+            try:
+                r = residual(there)
+                if all(map(math.isfinite, r)) or part < 1e-6:
+                    break
+            except (ArithmeticError, TypeError, ValueError):  # as sqrt(-1.0), or (-1.0) ** 0.5, which is complex
+                if part < 1e-6:
+                    raise
             part /= 2.0
         solved = all(abs(b) <= 1e-9 * max(1.0, abs(a)) for a, b in zip(there, step))
         z = there
