@@ -242,7 +242,7 @@ grep -A 1 '^event: bye' "$work/events" | grep -q '"reason":"restart"' || fail "t
 there_again() { curl -fsS "${page}api/state" | grep -q '"simulation":{"t":946684803[0-9.]*,"asked":0,'; }
 until_true 60 there_again
 told ' 200' '{"speed":0,"steps":1}'
-[ "$(grep -c 'begins anew' "$work/back/apc-ui.log")" -eq 2 ] || fail "another server: $(cat "$work"/back*/apc-ui.log)"
+[ "$(grep -c 'restarts: its simulated plant was rewound' "$work/back/apc-ui.log")" -eq 2 ] || fail "another server: $(cat "$work"/back*/apc-ui.log)"
 expect 0 ' 12 ' "$apc" get --store "$store" r
 back_to 0
 expect 0 '"t":946684800[0-9.]*,"asked":0,' speed --json
