@@ -15,10 +15,16 @@
 static const char *const setting[] = {"size", "jump", "low", "high", "duration", "at"};
 static const char *const relation[] = {"", "<", "<=", ">", ">="}; /* enum fault_if */
 
+/* As somebody started it last, or as the experiment has it. */
 static double number_of(const struct faults *f, size_t i, enum fault_number k)
 {
     const struct apc_sample *number = &f->number[i * FAULT_NUMBERS + k];
-    return number->seq > 0 ? number->value : 0;
+    const struct experiment_fault fault = experiment_fault(&f->e, i);
+    if (number->seq > 0)
+        return number->value;
+    if (k <= FAULT_HIGH && fault.number[k])
+        return *fault.number[k];
+    return k == FAULT_DURATION ? apc_ns_to_s(*fault.duration) : 0;
 }
 
 static int make_rows(struct faults *f)

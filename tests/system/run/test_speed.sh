@@ -335,7 +335,8 @@ for pid in "${rested[@]}"; do wait "$pid" || fail "the rest of a run is another:
 
 # What people want of an alarm waits for the next tick as well
 sed -e 's/name = "y";/& alarms = ( { kind = "high"; limit = 1.0; } ); faults = ( { kind = "stuck"; instructor = true; } );/' \
-  -e 's/name = "u";/& faults = ( { kind = "saturation"; low = 0.0; high = 0.2; at = 50.0; } );/' "$file" >"$work/alarmed.conf"
+  -e 's/name = "u";/& faults = ( { kind = "saturation"; low = 0.0; high = 0.2; at = 50.0; } );/' \
+  -e 's/^plant = {/& faults = ( { signal = "K"; kind = "drift"; size = 0.5; at = 55.0; duration = 4.0; } );/' "$file" >"$work/alarmed.conf"
 file=$work/alarmed.conf begin alarmed --no-ui
 speed step 20
 expect 0 'y\.high: acknowledged \(seen\) \(written: the simulation is paused, its next tick applies it\)$' \
@@ -348,7 +349,8 @@ expect 0 '^y\.high +3 +Acknowledged Active' "$apc" alarm list --store "$store"
 fault() { "$apc" fault --store "$store" "$@"; }
 expect 0 '1 +y +stuck +waits for the instructor' fault
 expect 0 '2 +u +saturation +at 50 s' fault
-expect 0 '^2$' bash -c "$(declare -f fault); apc=$apc store=$store; fault --json | grep -o number | wc -l"
+expect 0 ' +K +drift +size=0\.5 duration=4 +at 55 s' fault
+expect 0 '^3$' bash -c "$(declare -f fault); apc=$apc store=$store; fault --json | grep -o number | wc -l"
 expect 0 'y stuck: starts at the next tick' fault start 1
 speed step 10
 expect 0 'u saturation: starts' fault start 2
