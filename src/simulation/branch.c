@@ -4,7 +4,7 @@
  * tuning, setpoints, what acts on the plant from without, what its sensors do, its parameters. What it is
  * made of, and when its tasks tick, stays.
  */
-#include "simulation.h"
+#include "simulation_internal.h"
 
 #include <fnmatch.h>
 #include <libconfig.h>
@@ -321,12 +321,13 @@ static int change_controllers(struct simulation *s, const struct texts *t, bool 
     for (size_t i = 0; i < s->e->n_controllers && rc == 0; i++) {
         struct simulated *c = &s->controller[i];
         const struct controller *of = &s->e->controllers[i];
+        const bool lives = recorded || c->core; /* else it was killed */
         bool other = false;
         rc = look_at_controller(c, of, controller_in(&t->was, i), controller_in(&t->is, i), &other, why);
         if (rc == 0 && other && c->core)
             simulation_kill(c);
         c->of = of;
-        if (rc == 0 && other)
+        if (rc == 0 && other && lives)
             rc = simulation_start(c, why);
         if (rc == 0 && recorded && (rc = match_measurements(c)) < 0)
             apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(s->store));
@@ -351,7 +352,9 @@ static void on_branch(void *ctx)
     (void)apc_ns_from_s(s->ended, &now);
     s->playback = NULL;
     s->e = b->is;
-    if (playback && (b->rc = playback_end(playback, s->store)) < 0)
+    if ((b->rc = simulation_take_faults(s, b->was)) < 0)
+        apc_fail(b->why, b->rc, "out of memory");
+    if (b->rc == 0 && playback && (b->rc = playback_end(playback, s->store)) < 0)
         apc_fail(b->why, b->rc, "the run cannot be continued from its record: %s", apc_err_text(b->rc));
     if (b->rc == 0 && simulation_schedule_actions(s, now) < 0)
         b->rc = apc_fail(b->why, APC_ENOMEM, "out of memory");

@@ -27,6 +27,61 @@ static bool read_fault_numbers(struct simulation *s, const struct experiment_fau
     return s->rc == 0;
 }
 
+/* ---- Of what experiment ---------------------------------------------------------------------- */
+
+/* Another one may have others of that row, which have not begun. */
+static void keep_fault(const struct simulation *s, const struct experiment *was,
+                       const struct experiment_fault *is, struct simulated_fault *fault)
+{
+    size_t k = 0;
+    while (k < s->n_faults && s->fault_row[k].id != is->row)
+        k++;
+    if (k == s->n_faults || s->fault[k].seen == 0)
+        return;
+    const struct experiment_fault before = experiment_fault(was, k);
+    fault->seen = s->fault[k].seen;
+    if (strcmp(before.signal, is->signal) != 0 || strcmp(before.kind, is->kind) != 0)
+        return;
+    fault->waits = s->fault[k].waits;
+    *is->at = *before.at;
+    if (is->numbers)
+        *is->duration = *before.duration;
+    for (int i = 0; i <= FAULT_HIGH && is->numbers; i++)
+        if (is->number[i])
+            *is->number[i] = *before.number[i];
+}
+
+int simulation_take_faults(struct simulation *s, const struct experiment *was)
+{
+    size_t n = 0;
+    while (experiment_fault(s->e, n).kind)
+        n++;
+    struct simulated_fault *fault = calloc(n + 1, sizeof *fault);
+    struct apc_sample *row = calloc(n + 1, sizeof *row);
+    const bool room = fault && row;
+    for (size_t i = 0; i < n && room; i++) {
+        const struct experiment_fault is = experiment_fault(s->e, i);
+        fault[i].at = *is.at;
+        row[i] = (struct apc_sample){.table = APC_OPMODE, .id = is.row};
+        keep_fault(s, was, &is, &fault[i]);
+    }
+    simulation_drop_faults(s, was);
+    s->fault = fault;
+    s->fault_row = row;
+    s->n_faults = room ? n : 0;
+    return room ? 0 : APC_ENOMEM;
+}
+
+void simulation_drop_faults(struct simulation *s, const struct experiment *e)
+{
+    for (size_t i = 0; i < s->n_faults; i++)
+        if (s->fault[i].seen > 0)
+            *experiment_fault(e, i).at = s->fault[i].at;
+    free(s->fault);
+    free(s->fault_row);
+    s->n_faults = 0;
+}
+
 /* ---- Later, or once something is true -------------------------------------------------------- */
 
 static bool is_met(struct simulation *s, const double number[FAULT_NUMBERS])
@@ -211,7 +266,7 @@ void simulation_break_plant(struct simulation *s)
     const struct experiment *e = s->e;
     const apc_ns t = fault_time(s, s->plant_now.mono);
     bool drifts = false;
-    if (!breaks_plant(s, t))
+    if (s->playback || !breaks_plant(s, t))
         return;
     double *p = calloc(e->plant.model->np + 1, sizeof *p);
     struct experiment seeded = *e;

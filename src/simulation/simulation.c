@@ -549,28 +549,19 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
 static int make_simulated_room(struct simulation *s)
 {
     const struct apc_dim *dim = &s->e->dim;
-    while (experiment_fault(s->e, s->n_faults).kind)
-        s->n_faults++;
     const struct apc_part parts[] = {APC_PART(s->u, dim->nu),
                                      APC_PART(s->y, dim->ny),
                                      APC_PART(s->command, dim->nu),
                                      APC_PART(s->answer, dim->ny),
                                      APC_PART(s->outside, dim->ny),
                                      APC_PART(s->now, dim->nu),
-                                     APC_PART(s->fault, s->n_faults),
-                                     APC_PART(s->fault_row, s->n_faults),
                                      APC_PART(s->plant_fault, s->e->plant.n_faults)};
     s->memory = apc_parts_allocate(parts, sizeof parts / sizeof *parts);
     if (!s->memory || trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
     for (size_t i = 0; i < dim->nu; i++)
         s->u[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
-    for (size_t i = 0; i < s->n_faults; i++) {
-        const struct experiment_fault fault = experiment_fault(s->e, i);
-        s->fault[i].at = *fault.at;
-        s->fault_row[i] = (struct apc_sample){.table = APC_OPMODE, .id = fault.row};
-    }
-    return 0;
+    return simulation_take_faults(s, s->e);
 }
 
 /* As `apc run` does before it starts the daemons. */
@@ -700,9 +691,7 @@ void simulation_destroy(struct simulation *s)
     apc_histogram_destroy(s->round_trip);
     free(s->task);
     free(s->controller);
-    for (size_t i = 0; s->memory && i < s->n_faults; i++)
-        if (s->fault[i].seen > 0)
-            *experiment_fault(s->e, i).at = s->fault[i].at;
+    simulation_drop_faults(s, s->e);
     free(s->memory);
     free(s->clock_steps);
     free(s->action_steps);

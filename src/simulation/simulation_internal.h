@@ -58,6 +58,11 @@ void simulation_free_past(struct simulation_past *past);
 
 /* ---- instructor.c */
 
+/* Of the experiment that it is now; what people started of those of @p was, from which it goes on, is as it is. Returns 0
+ * or APC_ENOMEM; simulation_drop_faults() in either case. */
+int simulation_take_faults(struct simulation *s, const struct experiment *was);
+/* @p e has them as its file again. */
+void simulation_drop_faults(struct simulation *s, const struct experiment *e);
 /* Faults that people started or stopped. */
 void simulation_see_faults(struct simulation *s);
 /* Those of the plant itself, at its tick. */

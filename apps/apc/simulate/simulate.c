@@ -398,10 +398,11 @@ static int leave_simulation_report(const struct simulate *r)
 static void tell_operation(const struct simulate *r)
 {
     const unsigned long long n = folder_operated(&r->e, false);
+    const size_t written = r->written.n + r->options.from.written.n;
 
-    if (r->written.n > 0)
+    if (written > 0)
         fprintf(r->talk, "the operators' writes of that run are repeated at the same ticks: %zu values\n",
-                r->written.n);
+                written);
     else if (n > 0)
         fprintf(r->talk,
                 "in that run an operator changed modes, tuning or outputs %llu time%s: a simulation does "

@@ -54,6 +54,21 @@ static int load_former(struct whatif *w, char *dir, size_t size, struct apc_erro
     return rc;
 }
 
+/* What people wrote to it until then, and from there what they wrote to the run of which @p e is the folder. */
+static int write_until_then(struct whatif *w, const struct experiment *e, struct apc_error *why)
+{
+    const apc_ns end = SIMULATION_BEGIN + end_of(w);
+    struct samples after;
+    while (w->written.n > 0 && w->written.at[w->written.n - 1].time >= end)
+        w->written.n--;
+    int rc = simulation_written(e, &after, why);
+    for (size_t i = 0; i < after.n && rc >= 0; i++)
+        if (after.at[i].time >= end && (rc = samples_add(&w->written, &after.at[i])) < 0)
+            apc_fail(why, rc, "out of memory");
+    samples_free(&after);
+    return rc < 0 ? rc : 0;
+}
+
 int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *why)
 {
     struct record_stores there;
@@ -84,11 +99,15 @@ int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *
     rc = load_former(w, dir, sizeof dir, why);
     if (rc < 0)
         return rc;
-    if (w->was.start)
+    rc = simulation_written(&w->was, &w->written, why);
+    w->played = rc == 0 && w->was.start;
+    if (w->played)
         return playback_load(&w->playback, dir, &w->was, end_of(w), why);
+    if (rc > 0)
+        rc = write_until_then(w, e, why);
     while (w->was.n_actions > 0 && w->was.action[w->was.n_actions - 1].at >= end_of(w))
         w->was.n_actions--;
-    return 0;
+    return rc;
 }
 
 static int go_on(const struct whatif *w, struct simulation *s, const struct experiment *e,
@@ -103,7 +122,10 @@ static int go_on(const struct whatif *w, struct simulation *s, const struct expe
 int whatif_begin(const struct whatif *w, struct simulation *s, const struct experiment *e,
                  struct apc_error *why)
 {
-    const int rc = simulation_create_after(s, &w->was, w->was.seed, w->was.start ? &w->playback : NULL, why);
+    int rc = w->played ? simulation_create_after(s, &w->was, w->was.seed, &w->playback, why)
+                       : simulation_create(s, &w->was, w->was.seed, why);
+    if (rc == 0 && w->written.n > 0 && (rc = simulation_repeat_writes(s, &w->written)) < 0)
+        apc_fail(why, rc, "out of memory");
     return rc < 0 ? rc : go_on(w, s, e, why);
 }
 
@@ -139,7 +161,7 @@ int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
 {
     struct simulation s = {0};
     int rc = 0;
-    if (!w->was.start)
+    if (!w->played)
         return 0;
     for (size_t i = 0; i < w->was.n_controllers && rc == 0; i++)
         if ((rc = tell_lateness(w, &w->was.controllers[i], out)) < 0)
@@ -154,6 +176,7 @@ int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
 
 void whatif_free(struct whatif *w)
 {
+    samples_free(&w->written);
     samples_free(&w->unchanged);
     playback_free(&w->playback);
     experiment_free(&w->was);

@@ -13,10 +13,12 @@ struct whatif {
     char dir[400];    /* of the run */
     char store[512];  /* the URI of one whose record makes the run folder; "": none */
     struct store_folder made;
-    apc_ns utc;               /* of a store: when it goes on */
-    double at;                /* s since its start, when it goes on */
-    struct experiment was;    /* what ran */
-    struct playback playback; /* of a run in real time */
+    apc_ns utc;            /* of a store: when it goes on */
+    double at;             /* s since its start, when it goes on */
+    struct experiment was; /* what ran */
+    bool played;           /* it was in real time: its record is, */
+    struct playback playback;
+    struct samples written;   /* else what people wrote is written again */
     struct samples unchanged; /* of one: its future as it would have been in virtual time */
 };
 

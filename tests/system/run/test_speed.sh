@@ -464,6 +464,11 @@ until_true 20 made
 speed max
 wait $pid || fail "the run ended with $?"
 again "$work/broken"
+# What if: it goes on with what people wrote and broke, also where the experiment has fewer faults from then on.
+"$apc" simulate "$work/broken" --from "$work/broken@11" --set title=otherwise --csv "$work/if.csv" >"$work/if.txt"
+cmp "$work/if.csv" "$work/broken/samples.csv" || fail "a future that nobody changed is another one"
+expect 0 'writes of that run are repeated' cat "$work/if.txt"
+expect 0 '' "$apc" simulate "$work/alarmed" --from "$work/alarmed@6" --set 'measurements.y.faults=()' --set 'outputs.u.faults=()'
 [ "$(digest "$work/fork/samples.csv")" = "$(digest "$work/broken/samples.csv")" ] || fail "the second run is another"
 [ "$(awk -F, '$2 == "sensor" && $3 == 2 && $1 >= 8 && $1 < 11' "$work/broken/samples.csv" | wc -l)" -lt 3 ] || fail "the time of y2 did not stand still"
 grep -q 'measurement 1 is Bad' "$work/broken/events.csv" || fail "nothing was without power"

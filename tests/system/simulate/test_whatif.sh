@@ -33,6 +33,12 @@ done
 "$apc" simulate "$experiments/servo.conf" --net 'delay=exponential(0.0005),loss=0.05' --set controller.execution='"uniform(0.0, 0.004)"' --report bad >/dev/null 2>&1
 "$apc" simulate bad --from bad@3.5013 --csv same.csv --force >/dev/null
 cmp -s same.csv bad/samples.csv || fail "over a bad network a future that nobody changed is another one"
+for dead in 'plant.faults=( { signal = "controller"; kind = "killed"; at = 3.0; duration = 4.0; } )' \
+  'actions=( { at = 3.0; kill = "controller"; }, { at = 7.0; start = "controller"; } )'; do
+  "$apc" simulate "$experiments/first-order.conf" --duration 12 --set "$dead" --report dead --force >/dev/null 2>&1
+  "$apc" simulate dead --from dead@5 --csv same.csv --force >/dev/null
+  cmp -s same.csv dead/samples.csv || fail "a controller that was killed lives in a future that nobody changed: $dead"
+done
 
 # ---- Something changed: nothing before, and what was asked for from then on
 
