@@ -80,33 +80,29 @@ static int take_alarm_row(void *ctx, const struct apc_sample *row)
 
 #define AT_ONE_TIME 16 /* transitions of one alarm */
 
-/* Of most alarms the newest row says that there is nothing. @p most: the highest number of all. */
-static bool may_have_moved(const struct apc_sample *newest, const struct apc_range *range, int64_t most)
+/* Of most alarms the newest row says that there is nothing. */
+static bool may_have_moved(const struct apc_sample *newest, const struct apc_range *range)
 {
     return newest->seq > (range ? range->after : 0) &&
-           (!range || ((range->since == 0 || newest->time >= range->since - SET_BACK) &&
-                       (range->last == 0 || range->until > 0 || newest->origin == 0 ||
-                        newest->origin > most - (int64_t)range->last)));
+           (!range || range->since == 0 || newest->time >= range->since - SET_BACK);
 }
 
-static int read_newest(struct apc_sample *newest, size_t n, struct apc_store *store, int64_t *most)
+/* Those without a number first, of former releases: they may be any. */
+static int by_newest(const void *x, const void *y)
 {
-    for (size_t i = 0; i < n; i++)
-        newest[i] = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
-    const int rc = n > 0 ? apc_store_read(store, newest, n) : 0;
-    *most = 0;
-    for (size_t i = 0; i < n; i++)
-        *most = newest[i].origin > *most ? newest[i].origin : *most;
-    return rc;
+    const struct apc_sample *a = x, *b = y;
+    if (a->origin == 0 || b->origin == 0)
+        return (a->origin != 0) - (b->origin != 0);
+    return a->origin > b->origin ? -1 : a->origin < b->origin;
 }
 
-/* Numbers are missing, those of alarms that are gone: older ones stand among the last, then. */
-static bool lacks_numbers(const struct alarm_journal *journal, const struct apc_range *range, int64_t most)
+/* As many as are wanted, of which none is older than all of this alarm. */
+static bool has_enough(const struct loading *l, const struct apc_sample *newest)
 {
-    size_t found = 0;
-    for (size_t i = 0; range && i < journal->n; i++)
-        found += journal->at[i].number > most - (int64_t)range->last;
-    return range && found < range->last;
+    if (l->last == 0 || l->journal->n < l->last)
+        return false;
+    keep_last(l->journal, l->last);
+    return newest->origin > 0 && newest->origin < l->journal->at[0].number;
 }
 
 int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
@@ -121,21 +117,19 @@ int alarm_journal_find(struct alarm_journal *journal, struct apc_store *store, s
     struct loading l = {.journal = journal, .search = search, .last = range ? range->last : 0};
     struct apc_range of = range ? *range : (struct apc_range){0};
     struct apc_sample *newest = calloc(n + 1, sizeof *newest);
-    int64_t most;
     *journal = (struct alarm_journal){0};
     if (!newest)
         return APC_ENOMEM;
-    int rc = read_newest(newest, n, store, &most);
-    if (search) { /* the last that are looked for may be any */
-        most = 0;
+    for (size_t i = 0; i < n; i++)
+        newest[i] = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
+    int rc = n > 0 ? apc_store_read(store, newest, n) : 0;
+    if (search) /* the last that are looked for may be any */
         of.last = search->states ? 0 : of.last + (search->before ? AT_ONE_TIME : 0);
-    }
-    for (int again = 0; again == 0 || (again == 1 && !search && lacks_numbers(journal, range, most)); again++)
-        for (size_t i = 0; i < n && rc >= 0 && l.rc == 0; i++)
-            if ((!search || search->of[i]) && may_have_moved(&newest[i], range, again ? 0 : most)) {
-                rc = apc_store_history(store, APC_ALARM, (int)i + 1, range ? &of : NULL, take_alarm_row, &l);
-                newest[i].seq = -1;
-            }
+    if (rc >= 0 && n > 1)
+        qsort(newest, n, sizeof *newest, by_newest);
+    for (size_t i = 0; i < n && rc >= 0 && l.rc == 0 && !has_enough(&l, &newest[i]); i++)
+        if ((!search || search->of[newest[i].id - 1]) && may_have_moved(&newest[i], range))
+            rc = apc_store_history(store, APC_ALARM, newest[i].id, range ? &of : NULL, take_alarm_row, &l);
     free(newest);
     keep_last(journal, l.last);
     return l.rc ? l.rc : rc < 0 ? rc : 0;
