@@ -118,6 +118,12 @@ test("the past plays until it comes to now, and jumps to what was before and aft
   assert.equal(button("play 10 times as fast as time", ".past-bar").getAttribute("aria-pressed"), "false", "it plays on");
   assert.ok(at()! <= server.now, "beyond now");
   assert.match(one(".shell").className, /in-past/, "whoever looks at the past operates at once");
+  const is = model.plant.value!;
+  model.plant.value = {...is, name: "Anna's $(date) tank"};
+  await click(button("Go on otherwise \u2026", ".past-bar"));
+  assert.match(one<HTMLTextAreaElement>("dialog textarea").value, /^env -u APC_STORE apc run 'Anna'\\''s \$\(date\) tank\.conf' --speed 0 --from "\$APC_STORE@2033-/, "a shell would run it");
+  one("dialog").dispatchEvent(new window.Event("close") as never);
+  model.plant.value = is;
   await click(button("Back to now", ".past-top"));
   assert.equal(at(), null);
   server.plant = tanks;

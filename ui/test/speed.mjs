@@ -46,7 +46,7 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   // Promise(page/what-if): The page gives the command that goes on from the instant shown in virtual time, beside the plant, to be copied.
   await press(page, "Go on otherwise …");
   const command = page.getByLabel("Command");
-  assert.equal(await command.inputValue(), `env -u APC_STORE apc run EXPERIMENT.conf --speed 0 --from "$APC_STORE@${new Date(1000 * (T0 + (await time(page)))).toISOString()}"`);
+  assert.equal(await command.inputValue(), `env -u APC_STORE apc run EXPERIMENT.conf --speed 0 --from "$APC_STORE@${new Date(Math.round(1000 * (T0 + (await time(page))))).toISOString()}"`);
   await page.context().grantPermissions(["clipboard-read", "clipboard-write"]);
   await page.getByRole("button", {name: "Copy"}).click();
   await until("it is copied", async () => (await page.evaluate(() => navigator.clipboard.readText())) === (await command.inputValue()));

@@ -6,19 +6,22 @@ import {plant} from "../core/model";
 import {tr} from "../core/texts";
 import {Dialog} from "../dialog";
 
-/** @p at: Unix s of the plant. */
+/** For a shell: of a name of other characters it does nothing. */
+const quoted = (name: string): string => (/^[\w.-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`);
+
+/** @p at: Unix s of the plant; the command is of when it was pressed. */
 export function WhatIf({at}: {at: number}): JSX.Element {
-  const [open, setOpen] = useState(false);
+  const [from, setFrom] = useState<number | null>(null);
   const [copied, setCopied] = useState<boolean | null>(null);
-  const command = `env -u APC_STORE apc run ${plant.value?.name || "EXPERIMENT"}.conf --speed 0 --from "$APC_STORE@${new Date(1000 * at).toISOString()}"`;
+  const command = from == null ? "" : `env -u APC_STORE apc run ${quoted(`${plant.value?.name || "EXPERIMENT"}.conf`)} --speed 0 --from "$APC_STORE@${new Date(Math.round(1000 * from)).toISOString()}"`;
   const close = (): void => {
-    setOpen(false);
+    setFrom(null);
     setCopied(null);
   };
   return (
     <>
-      <button type="button" onClick={() => setOpen(true)}>{tr("whatif.button")}</button>
-      {open && (
+      <button type="button" onClick={() => setFrom(at)}>{tr("whatif.button")}</button>
+      {from != null && (
         <Dialog label={tr("whatif.title")} close={close}>
           <form method="dialog" class="whatif">
             <h2>{tr("whatif.title")}</h2>
