@@ -55,7 +55,7 @@ static bool query_real(struct request *r, const char *name, double low, double h
     return true;
 }
 
-/* Its numbers, and their standard errors: -1: the record does not tell it. */
+/* Its numbers, and their standard errors: -1, or so large as no number may be: the record does not tell it. */
 static bool query_transfer(struct request *r, struct workbench *w)
 {
     const struct {
@@ -69,10 +69,11 @@ static bool query_transfer(struct request *r, struct workbench *w)
 
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         if (!query_real(r, of[i].name, of[i].low, LARGE, of[i].value, NULL) ||
-            !query_real(r, of[i].error, -1.0, LARGE, of[i].deviation, NULL))
+            !query_real(r, of[i].error, -1.0, APC_VALUE_MAX, of[i].deviation, NULL))
             return false;
         w->uncertain |= *of[i].deviation != 0.0;
-        *of[i].deviation = *of[i].deviation < 0.0 ? (double)NAN : *of[i].deviation;
+        if (*of[i].deviation < 0.0 || *of[i].deviation > LARGE)
+            *of[i].deviation = (double)NAN;
     }
     return true;
 }

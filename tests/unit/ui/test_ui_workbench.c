@@ -261,10 +261,10 @@ static void a_preview_is_what_the_loop_would_do(void **state)
  *   worst of the models that they allow. */
 static void the_worst_of_the_models_is_shown(void **state)
 {
-    static const char *const errors[] = {"0.5", "4"}, *const late[] = {"0.1", "-1"};
+    static const char *const errors[] = {"0.5", "4", "3e7"}, *const late[] = {"0.1", "-1", "1e9"};
     (void)state;
     simulate_paper("title", "title");
-    for (size_t i = 0; i < 2; i++) {
+    for (size_t i = 0; i < sizeof errors / sizeof *errors; i++) { /* the last: of numbers the record does not tell */
         ask_query((const char *[]){"loop", "1", "gain", "10", "tau1", "10", "dead_time", "1",
                                    "dead_time_error", late[i], "gain_error", errors[i], "Kp", "0.5", NULL});
         json_t *json = answered(get_preview);
@@ -275,7 +275,7 @@ static void the_worst_of_the_models_is_shown(void **state)
             assert_near(number_in(json, "unstable"), 0, 0);
             assert_true(number_in(worst, "sensitivity") > number_in(proposed, "sensitivity"));
             assert_true(number_in(worst, "gain_margin") < number_in(proposed, "gain_margin"));
-        } else {
+        } else if (i == 1) {
             assert_true(number_in(json, "unstable") > 0);
             assert_true(json_is_false(json_object_get(worst, "stable")));
         }
