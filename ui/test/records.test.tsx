@@ -165,6 +165,20 @@ test("workbench: what the record cannot tell, a model, tunings that are tried, a
   assert.equal(queries.at(-1)?.Kp, "5");
   assert.match(said(".workbench"), /Unstable with this model/);
   assert.equal(button("Write the tuning").disabled, true);
+  // what is typed gives way to another candidate, and of bad times alone nothing is asked for
+  await click(button("Identify"));
+  const gain = (): HTMLInputElement => document.querySelector<HTMLInputElement>(".workbench input[name=gain]")!;
+  await type(".workbench input[name=gain]", "9.5");
+  assert.equal(gain().value, "9.5");
+  const candidate = document.querySelector<HTMLInputElement>(".workbench input[name=candidate]")!;
+  candidate.dispatchEvent(new window.Event("change", {bubbles: true}) as never);
+  await settle();
+  assert.equal(gain().value, "10");
+  env.routes.set("/api/model", () => assert.fail("without windows it would be of the last hour"));
+  await type(".workbench input[name=since]", "0");
+  await click(button("Bad"));
+  await click(button("Identify"));
+  assert.match(said(".workbench .complaint"), /^All of that time is bad/);
   const who = model.session.value!;
   model.session.value = {...who, role: "operator"};
   await settle();

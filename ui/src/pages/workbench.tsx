@@ -99,8 +99,9 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
     const mine = ++wanted.current;
     const answered = (act: () => void): void => { if (mine === wanted.current) { setAsked(false); act(); } };
     const windows = good(choice.parts.length > 0 ? choice.parts : [within], choice.bad);
-    setAsked(true);
-    setError(null);
+    setAsked(windows.length > 0);
+    setError(windows.length > 0 ? null : tr("workbench.allBad"));
+    if (windows.length === 0) return; // without windows the server would take the last hour
     get<PlantModel>("/api/model", {inputs: inputs.join(","), outputs: measurement, windows: windows.map(one => `${microseconds(one.since)}..${microseconds(one.until)}`).join(), order: order === "0" ? null : order}, LATE).then(
       answer => answered(() => {
         setModel(answer);
@@ -284,7 +285,7 @@ function Margins({of: {present, proposed, worst, models, unstable}}: {of: Previe
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={tr("workbench.margins")}>
       {!proposed.stable && <p class="complaint" role="alert"><Note grave label={tr("workbench.unstable")} /> {tr("workbench.unstable")}</p>}
-      {proposed.stable && unstable > 0 && <p class="complaint" role="alert">{unstable} / {models}: {tr("workbench.unstable")}</p>}
+      {proposed.stable && unstable > 0 && <p class="complaint" role="alert">{tr("workbench.fragile", {n: models, unstable})}</p>}
       <table class="data">
         <caption>{tr("workbench.margins")}</caption>
         <thead><tr><th scope="col"><span class="hidden">{tr("workbench.margins")}</span></th><th scope="col" class="number">{tr("workbench.present")}</th><th scope="col" class="number">{tr("workbench.proposed")}</th>{worst && <th scope="col" class="number">{tr("workbench.worst", {n: models})}</th>}</tr></thead>

@@ -113,7 +113,7 @@ export function Parts({loop, choice, choose}: {loop: Loop; choice: Choice; choos
       {(["parts", "bad"] as const).map(which => choice[which].length > 0 && (
         <ul class="checks" key={which} aria-label={tr(`workbench.part.${which}`)}>
           {choice[which].map((one, i) => (
-            <li key={`${one.since} ${one.until}`}>
+            <li key={i}>
               {tr(`workbench.part.${which}`)}: {fromUntil(one.since, one.until)}{" "}
               <button type="button" onClick={() => taken({[which]: choice[which].filter((_, other) => other !== i)})}>{tr("workbench.part.drop")}</button>
             </li>
@@ -187,7 +187,7 @@ export function Candidates({all, chosen, locked, choose}: {all: Found[]; chosen:
           <tbody>
             {all.map(({of, fit, order, time}, i) => (
               <tr key={i}>
-                <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> {order}, {time}</label></th>
+                <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> {tr("workbench.order")} {order}, {time}</label></th>
                 <td class="number">{fit == null ? missing : `${exact(Number(fit.toPrecision(3)))} %`}</td>
                 {NUMBERS.map(name => <td key={name} class="number">{of[name] === 0 ? missing : plusMinus(of[name], of.error[name], "")}</td>)}
               </tr>
@@ -212,11 +212,13 @@ export function Numbers({of, locked, set}: {of: Tuned | null; locked: boolean; s
       <summary>{tr("workbench.byHand")}</summary>
       <div class="entry-line">
         {NUMBERS.map(name => {
-          const wrong = typed[name] == null ? null : complaint(typed[name] as string, name === "gain" || name === "zero" ? null : 0, null);
+          const text = typed[name];
+          const wrong = text == null ? null : complaint(text, name === "gain" || name === "zero" ? null : 0, null);
+          const stands = text != null && (wrong != null || read(text).value === of?.[name]); // else another candidate was taken since
           return (
             <label key={name}>
               {tr(`workbench.${name}`)}{" "}
-              <input type="text" inputMode="decimal" size={8} name={name} disabled={locked} aria-invalid={wrong != null} title={wrong ?? undefined} value={typed[name] ?? exact(rounded(of?.[name] ?? 0))} onInput={event => edit(name, event.currentTarget.value)} />
+              <input type="text" inputMode="decimal" size={8} name={name} disabled={locked} aria-invalid={wrong != null} title={wrong ?? undefined} value={stands ? text : exact(rounded(of?.[name] ?? 0))} onInput={event => edit(name, event.currentTarget.value)} />
               {name === "gain" ? "" : " s"}
             </label>
           );
