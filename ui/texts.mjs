@@ -42,13 +42,14 @@ export async function texts() {
   const madeUp = sources.flatMap(text => [...text.matchAll(MADE_UP)].map(([, start, end, group]) => new RegExp(`^${start ?? group}\\.[^.]+${end ?? ""}$`)));
   const named = Object.keys(en).filter(key => !asked.has(key) || madeUp.some(one => one.test(key)));
   const keys = [...new Set([...named, ...Object.keys(en)])];
-  const english = Object.keys(sentences).map(text => (text.includes("{") ? text : digest(text)));
+  const pairs = Object.entries(sentences).sort(([a], [b]) => a.includes("{") - b.includes("{")); // zipped, digests and texts apart are shorter
+  const english = pairs.map(([text]) => (text.includes("{") ? text : digest(text)));
   if (new Set(english).size < english.length) throw new Error("two sentences have one digest");
   const place = new Map(keys.map((key, i) => [key, i]));
   const made = {
     "texts.en.ts": `let group;const names=${lines(grouped(named))}.flatMap(name=>name.endsWith(".")?(group=name,[]):[group+name]);export const both=list=>({...list,...Object.fromEntries(names.map((name,i)=>[name,list[i]]))});export const en=both(${lines(keys.map(key => en[key]))})`,
     "texts.de.ts": `import {both} from "./texts.en";export const de=both(${lines(keys.map(key => de[key]))})`,
-    "sentences.de.ts": `const german=${lines(Object.values(sentences))};export const sentences=Object.fromEntries(${lines(english)}.map((english,i)=>[english,german[i]]))`,
+    "sentences.de.ts": `const german=${lines(pairs.map(([, text]) => text))};export const sentences=Object.fromEntries(${lines(english)}.map((english,i)=>[english,german[i]]))`,
   };
   return {
     name: "texts",

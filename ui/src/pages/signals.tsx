@@ -4,7 +4,7 @@
 import type {JSX} from "preact";
 import {useState} from "preact/hooks";
 import {get} from "../core/api";
-import {exact} from "../core/format";
+import {exact, fromUntil, missing} from "../core/format";
 import type {SignalFigures} from "../core/types";
 import {tr} from "../core/texts";
 
@@ -14,14 +14,18 @@ const [WIDE, HIGH] = [300, 160];
 
 const shown = (value: number): string => exact(Number(value.toPrecision(4)));
 
-function Picture({title, x, y, unit = ""}: {title: string; x: number[]; y: (number | null)[]; unit?: string}): JSX.Element {
-  const [left, right, bottom, top] = [Math.min(...x), Math.max(...x), Math.min(...(y as number[])), Math.max(...(y as number[]))] as const;
-  const d = x.map((a, i) => `M${((a - left) / (right - left || 1)) * WIDE} ${HIGH - (((y[i] ?? 0) - bottom) / (top - bottom || 1)) * HIGH}h0`).join("");
+function Picture({title, x, y, unit = "", bars = false}: {title: string; x: (number | null)[]; y: (number | null)[]; unit?: string; bars?: boolean}): JSX.Element {
+  const there = x.flatMap((a, i) => { const b = y[i]; return a == null || b == null ? [] : [[a, b] as const]; });
+  const end = (of: 0 | 1, least: typeof Math.min): number => least(...there.map(one => one[of]));
+  const [left, right, bottom, top] = [end(0, Math.min), end(0, Math.max), bars ? 0 : end(1, Math.min), end(1, Math.max)];
+  const d = there.map(([a, b]) => { const at = HIGH - ((b - bottom) / (top - bottom || 1)) * HIGH; return `M${((a - left) / (right - left || 1)) * WIDE} ${at}${bars ? `V${HIGH}` : "h0"}`; }).join("");
   return (
     <figure>
       <figcaption>{title}</figcaption>
-      <svg class="picture" viewBox={`-4 -4 ${WIDE + 8} ${HIGH + 8}`} aria-hidden="true"><path d={d} /></svg>
-      <p class="say">{`\u2192 ${shown(left)} \u2026 ${shown(right)}${unit}, \u2191 ${shown(bottom)} \u2026 ${shown(top)}`}</p>
+      {there.length === 0 ? missing : <>
+        <svg class="picture" viewBox={`-4 -4 ${WIDE + 8} ${HIGH + 8}`} aria-hidden="true"><path d={d} /></svg>
+        <p class="say">{`\u2192 ${shown(left)} \u2026 ${shown(right)}${unit}, \u2191 ${shown(bottom)} \u2026 ${shown(top)}`}</p>
+      </>}
     </figure>
   );
 }
@@ -30,7 +34,7 @@ function Pictures({of}: {of: SignalFigures}): JSX.Element {
   return (
       <div class="matrix">
         {of.signals.map(one => <>
-          <Picture title={`${one.name}: ${tr("signals.histogram")}`} x={one.bars.map((_, i) => (one.low ?? 0) + (((one.high ?? 0) - (one.low ?? 0)) * (i + 0.5)) / one.bars.length)} y={one.bars} />
+          <Picture title={`${one.name}: ${tr("signals.histogram")}`} x={one.bars.map((_, i) => (one.low ?? 0) + (((one.high ?? 0) - (one.low ?? 0)) * (i + 0.5)) / one.bars.length)} y={one.bars} bars />
           <Picture title={`${one.name}: ${tr("signals.spectrum")}`} unit=" Hz" x={one.spectrum.map((_, i) => i * of.frequency)} y={one.spectrum} />
         </>)}
         {of.pairs.map(one => <>
@@ -56,7 +60,7 @@ export function SignalsOf({names, bounds}: {names: string[]; bounds: () => [numb
     <section class="panel signals">
       <button type="button" onClick={ask}>{tr("signals.title")}</button>
       {error && <p class="complaint" role="alert">{error}</p>}
-      {found && <Pictures of={found} />}
+      {found && <><p class="say">{fromUntil(found.since, found.until)}</p><Pictures of={found} /></>}
     </section>
   );
 }
