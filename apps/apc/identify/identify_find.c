@@ -341,25 +341,40 @@ static bool noise_row_of(const struct finding *f, size_t i, struct noise_row *ro
     return true;
 }
 
-/* As settings of a law; of measurements that are not on record those of the file. */
+static double noise_of_state(const struct finding *f, size_t i)
+{
+    for (size_t k = 0; k < f->likelihood.n_noisy; k++)
+        if (f->noisy[k] == i)
+            return f->process[k].deviation;
+    return 0.0;
+}
+
+/* Of one that is not on record that of the file. */
+static double noise_of_measurement(const struct finding *f, size_t i)
+{
+    for (size_t k = 0; k < f->z->data.record.ny; k++)
+        if (f->output[k] == i)
+            return f->measured[k].deviation;
+    return f->e.sensor[i].noise;
+}
+
+/* As settings of a law, which takes no measurement without noise. */
 static void show_law_noise(const struct finding *f)
 {
-    double x[IDENTIFY_SIGNALS] = {0.0};
+    size_t without = 0;
 
     fputs("for lqg, mpc, nmpc: --set 'controller.settings.x_noise=[", stdout);
-    for (size_t i = 0; i < f->likelihood.n_noisy; i++)
-        x[f->noisy[i]] = f->process[i].deviation;
     for (size_t i = 0; i < f->e.plant.model->nx; i++)
-        printf("%s%.6g", i ? ", " : "", x[i]);
-    fputs("]' --set 'controller.settings.y_noise=[", stdout);
-    for (size_t i = 0; i < f->e.dim.ny; i++) {
-        double y = f->e.sensor[i].noise;
-
-        for (size_t k = 0; k < f->z->data.record.ny; k++)
-            y = f->output[k] == i ? f->measured[k].deviation : y;
-        printf("%s%.6g", i ? ", " : "", y);
-    }
+        printf("%s%.6g", i ? ", " : "", noise_of_state(f, i));
+    while (without < f->e.dim.ny && noise_of_measurement(f, without) > 0.0)
+        without++;
+    for (size_t i = 0; i < f->e.dim.ny && without == f->e.dim.ny; i++)
+        printf("%s%.6g", i ? ", " : "]' --set 'controller.settings.y_noise=[", noise_of_measurement(f, i));
     puts("]'");
+    if (without < f->e.dim.ny)
+        printf(
+            "no noise of %s is found: give y_noise, which must be above 0, as what its sensor can resolve\n",
+            f->e.y[without].tag.name);
 }
 
 static int show_noise_text(const struct finding *f)

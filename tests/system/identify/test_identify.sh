@@ -255,6 +255,10 @@ for is in plant.noise.x=0.1 measurements.y.noise=0.05; do
 done
 expect 0 '"log_likelihood":.*"setting":"plant.noise.x","was":0.1,"value":0\.' "$apc" identify noisy@..150 --likelihood --json
 "$apc" identify noisy@..150 --likelihood >noise.txt
+sed 's/noise = 0.05;//' noisy.conf >exact.conf
+"$apc" simulate exact.conf --duration 100 --report exact >/dev/null
+expect 0 "x_noise=\\[0\.[0-9]*\]'$" "$apc" identify exact --likelihood
+expect 0 'no noise of y is found: give y_noise, which must be above 0' "$apc" identify exact --likelihood
 # Promise(identification/priors)
 # Promise(identification/profile)
 "$apc" identify noisy@..150 --find K --likelihood=x --profile --prior K=9.9+-0.01 --json >prior.json
