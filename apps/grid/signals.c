@@ -20,7 +20,8 @@ struct signal {
     struct signal_figures is;
     const double *v; /* [n], each stride-th */
     size_t stride;
-    double *centred; /* [n] in deviations from its mean; missing: 0 */
+    double *centred; /* [n] from the mean of its run; missing: as the one before */
+    double within;   /* deviation of these */
 };
 
 static double signal_value(const struct signal *s, size_t k)
@@ -28,13 +29,15 @@ static double signal_value(const struct signal *s, size_t k)
     return s->v[k * s->stride];
 }
 
-static void measure_signal(struct signal *s, size_t n)
+static void measure_signal(struct signal *s, size_t from, size_t to)
 {
     double squares = 0.0;
 
+    s->is.n = 0;
+    s->is.mean = 0.0;
     s->is.low = HUGE_VAL;
     s->is.high = -HUGE_VAL;
-    for (size_t k = 0; k < n; k++) {
+    for (size_t k = from; k < to; k++) {
         const double v = signal_value(s, k);
 
         if (!isfinite(v))
@@ -46,11 +49,25 @@ static void measure_signal(struct signal *s, size_t n)
         s->is.high = fmax(s->is.high, v);
     }
     s->is.deviation = s->is.n > 0 ? sqrt(squares / (double)s->is.n) : 0.0;
-    for (size_t k = 0; k < n; k++) {
-        const double v = signal_value(s, k);
+    if (s->is.n == 0)
+        s->is.mean = s->is.low = s->is.high = (double)NAN;
+}
 
-        s->centred[k] = isfinite(v) && s->is.deviation > 0.0 ? (v - s->is.mean) / s->is.deviation : 0.0;
+/* Each run around its own mean, as a difference between runs is no movement. */
+static void centre_signal(struct signal *s, const struct apc_record *r)
+{
+    double squares = 0.0;
+
+    for (size_t g = 0, from = 0; g < apc_record_runs(r); from = apc_record_end(r, g++)) {
+        measure_signal(s, from, apc_record_end(r, g));
+        for (size_t k = from; k < apc_record_end(r, g); k++)
+            s->centred[k] = isfinite(signal_value(s, k)) ? signal_value(s, k) - s->is.mean
+                            : k > from                   ? s->centred[k - 1]
+                                                         : 0.0;
+        squares += s->is.deviation * s->is.deviation * (double)s->is.n;
     }
+    measure_signal(s, 0, r->n);
+    s->within = s->is.n > 0 ? sqrt(squares / (double)s->is.n) : 0.0;
 }
 
 static void bars_json(const struct signal *s, size_t n, struct text *t)
@@ -102,6 +119,15 @@ static void fourier(double *re, double *im, size_t n)
         }
 }
 
+static size_t longest_run(const struct apc_record *r)
+{
+    size_t n = 0;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++)
+        n = apc_record_run(r, g).n > n ? apc_record_run(r, g).n : n;
+    return n;
+}
+
 static size_t segment_of(size_t n)
 {
     size_t length = 16;
@@ -112,27 +138,28 @@ static size_t segment_of(size_t n)
 }
 
 /* The amplitude of a sine at each frequency, by Welch's method: the root of the mean square over Hann windows that overlap
- * by half. Of several lines that become one it has the highest. room [3 * segment_of(n)] */
-static void spectrum_json(struct signal *s, size_t n, double Ts, double *room, struct text *t)
+ * by half and lie within a run. Of several lines that become one it has the highest. room [3 * segment_of(longest run)] */
+static void spectrum_json(struct signal *s, const struct apc_record *r, double *room, struct text *t)
 {
-    const size_t length = segment_of(n), lines = length / 2, together = (lines + LINES - 1) / LINES;
+    const size_t length = segment_of(longest_run(r)), lines = length / 2,
+                 together = (lines + LINES - 1) / LINES;
     double *re = room, *im = re + length, *power = im + length;
     size_t segments = 0, strongest = 0;
 
     memset(power, 0, length * sizeof *power);
-    for (size_t from = 0; n >= length && from + length <= n; from += length / 2, segments++) {
-        for (size_t k = 0; k < length; k++) {
-            re[k] = s->centred[from + k] * s->is.deviation *
-                    (0.5 - 0.5 * apc_cos(2.0 * PI * (double)k / (double)length));
-            im[k] = 0.0;
+    for (size_t g = 0, begin = 0; g < apc_record_runs(r); begin = apc_record_end(r, g++))
+        for (size_t from = begin; from + length <= apc_record_end(r, g); from += length / 2, segments++) {
+            for (size_t k = 0; k < length; k++) {
+                re[k] = s->centred[from + k] * (0.5 - 0.5 * apc_cos(2.0 * PI * (double)k / (double)length));
+                im[k] = 0.0;
+            }
+            fourier(re, im, length);
+            for (size_t k = 0; k < lines; k++)
+                power[k] += k ? re[k] * re[k] + im[k] * im[k] : 0.0;
         }
-        fourier(re, im, length);
-        for (size_t k = 0; k < lines; k++)
-            power[k] += k ? re[k] * re[k] + im[k] * im[k] : 0.0;
-    }
     for (size_t k = 1; k < lines; k++)
         strongest = power[k] > power[strongest] && power[k] > 0.0 ? k : strongest;
-    s->is.every = strongest ? (double)length * Ts / (double)strongest : (double)NAN;
+    s->is.every = strongest ? (double)length * r->Ts / (double)strongest : (double)NAN;
     json_add(t, "spectrum:[");
     for (size_t k = 0; k < lines && segments > 0; k += together) {
         double most = 0.0;
@@ -153,37 +180,58 @@ static size_t padded_length(size_t n)
     return length;
 }
 
-/* y some lags after x: of all lags that one place stands for the strongest. room [4 * padded_length(n)] */
-static void correlation_json(const struct signal *x, const struct signal *y, size_t n, size_t step,
-                             double *room, struct text *t)
+/* The transform of the values of a run, in deviations, and of 1 where there is one as their imaginary part. */
+static void transform_run(const struct signal *s, size_t from, size_t to, double *re, double *im,
+                          size_t length)
 {
-    const size_t length = padded_length(n);
-    double *re = room, *im = re + length, *other_re = im + length, *other_im = other_re + length;
-
-    memset(room, 0, 4 * length * sizeof *room);
-    memcpy(re, x->centred, n * sizeof *re);
-    memcpy(other_re, y->centred, n * sizeof *re);
-    fourier(re, im, length);
-    fourier(other_re, other_im, length);
-    for (size_t k = 0; k < length; k++) { /* the conjugate of conj(X) Y, so that a transform is its inverse */
-        const double a = re[k] * other_re[k] + im[k] * other_im[k];
-
-        im[k] = im[k] * other_re[k] - re[k] * other_im[k];
-        re[k] = a;
+    memset(re, 0, length * sizeof *re);
+    memset(im, 0, length * sizeof *im);
+    for (size_t k = from; k < to; k++) {
+        im[k - from] = isfinite(signal_value(s, k));
+        re[k - from] = s->within > 0.0 ? im[k - from] * s->centred[k] / s->within : 0.0;
     }
     fourier(re, im, length);
+}
+
+/* y some lags after x, over the pairs that are there, within runs: of all lags that one place stands for the strongest.
+ * Lags of less than half the pairs are left out. room [6 * padded_length(longest run)] */
+static void correlation_json(const struct signal *x, const struct signal *y, const struct apc_record *r,
+                             size_t step, double *room, struct text *t)
+{
+    const size_t n = longest_run(r), length = padded_length(n);
+    double *re = room, *im = re + length, *other_re = im + length, *other_im = other_re + length,
+           *sum = other_im + length, *pairs = sum + length;
+
+    memset(sum, 0, 2 * length * sizeof *sum);
+    for (size_t g = 0, from = 0; g < apc_record_runs(r); from = apc_record_end(r, g++)) {
+        transform_run(x, from, apc_record_end(r, g), re, im, length);
+        transform_run(y, from, apc_record_end(r, g), other_re, other_im, length);
+        for (size_t k = 0; k < length; k++) {
+            /* twice the transforms of the values, X and Y, and of where they are, M and N */
+            const size_t back = (length - k) % length;
+            const double X[] = {re[k] + re[back], im[k] - im[back]},
+                         M[] = {im[k] + im[back], re[back] - re[k]},
+                         Y[] = {other_re[k] + other_re[back], other_im[k] - other_im[back]},
+                         N[] = {other_im[k] + other_im[back], other_re[back] - other_re[k]};
+
+            /* the conjugate of conj(X) Y + i conj(M) N, so that a transform is its inverse */
+            sum[k] += X[0] * Y[0] + X[1] * Y[1] - (M[0] * N[1] - M[1] * N[0]);
+            pairs[k] -= X[0] * Y[1] - X[1] * Y[0] + M[0] * N[0] + M[1] * N[1];
+        }
+    }
+    fourier(sum, pairs, length);
+    const double scale = 4.0 * (double)length, all = round(-pairs[0] / scale);
     json_add(t, "correlation:[");
     for (int place = -LAGS; place <= LAGS; place++) {
         const long middle = place * (long)step, half = (long)step / 2;
         double most = (double)NAN;
 
         for (long lag = middle - half; lag <= middle + half; lag++) {
-            const size_t by = (size_t)labs(lag);
-            const double is =
-                by < n ? re[lag < 0 ? length - by : by] / (double)length / (double)(n - by) : 0.0;
+            const size_t by = (size_t)labs(lag), at = lag < 0 ? length - by : by;
+            const double told = by < n ? round(-pairs[at] / scale) : 0.0;
 
-            if (by <= n / 2 && !(fabs(is) <= fabs(most)))
-                most = is;
+            if (told > 0.0 && 2.0 * told >= all && !(fabs(sum[at] / scale / told) <= fabs(most)))
+                most = sum[at] / scale / told;
         }
         json_add(t, "%.4g", most);
     }
@@ -231,24 +279,24 @@ static void points_json(const struct signal *x, const struct signal *y, size_t n
 static void signals_members(struct signal *s, size_t signals, const struct apc_record *r, double *room,
                             struct text *t)
 {
-    const size_t length = segment_of(r->n), together = (length / 2 + LINES - 1) / LINES,
-                 step = r->n / 4 / LAGS > 1 ? r->n / 4 / LAGS : 1;
+    const size_t longest = longest_run(r), length = segment_of(longest),
+                 together = (length / 2 + LINES - 1) / LINES,
+                 step = longest / 4 / LAGS > 1 ? longest / 4 / LAGS : 1;
 
     json_add(t, "period:%g, samples:%zu, frequency:%.9g, lag:%.9g, signals:[", r->Ts, r->n,
              (double)together / ((double)length * r->Ts), (double)step * r->Ts);
     for (size_t i = 0; i < signals; i++) {
         json_add(t, "{name:%s, missing:%zu, mean:%.6g, deviation:%.6g, low:%.6g, high:%.6g,", s[i].is.name,
-                 r->n - s[i].is.n, s[i].is.n ? s[i].is.mean : (double)NAN, s[i].is.deviation,
-                 s[i].is.n ? s[i].is.low : (double)NAN, s[i].is.n ? s[i].is.high : (double)NAN);
+                 r->n - s[i].is.n, s[i].is.mean, s[i].is.deviation, s[i].is.low, s[i].is.high);
         bars_json(&s[i], r->n, t);
-        spectrum_json(&s[i], r->n, r->Ts, room, t);
+        spectrum_json(&s[i], r, room, t);
         json_add(t, "}");
     }
     json_add(t, "], pairs:[");
     for (size_t i = 0; i < signals; i++)
         for (size_t j = i; j < signals; j++) {
             json_add(t, "{from:%s, to:%s,", s[i].is.name, s[j].is.name);
-            correlation_json(&s[i], &s[j], r->n, step, room, t);
+            correlation_json(&s[i], &s[j], r, step, room, t);
             points_json(&s[i], &s[j], r->n, t);
             json_add(t, "}");
         }
@@ -260,7 +308,7 @@ int grid_signals(const struct identify_data *d, struct text *t, struct signal_fi
     const struct apc_record *r = &d->record;
     const size_t inputs = r->nu + r->nd, signals = inputs + r->ny;
     struct signal s[2 * IDENTIFY_SIGNALS];
-    double *memory = calloc(signals * r->n + 4 * padded_length(r->n), sizeof *memory);
+    double *memory = calloc(signals * r->n + 6 * padded_length(longest_run(r)), sizeof *memory);
 
     if (!memory)
         return APC_ENOMEM;
@@ -273,7 +321,7 @@ int grid_signals(const struct identify_data *d, struct text *t, struct signal_fi
         s[i].v = (measured ? r->y : r->u) + at;
         s[i].stride = measured ? r->ny : inputs;
         s[i].centred = memory + i * r->n;
-        measure_signal(&s[i], r->n);
+        centre_signal(&s[i], r);
     }
     signals_members(s, signals, r, memory + signals * r->n, t);
     for (size_t i = 0; i < signals && of; i++)

@@ -441,6 +441,22 @@ void identify_show(const struct identification *z)
         show_models_text(z);
 }
 
+static void show_signals_csv(const struct signal_figures *of, size_t n)
+{
+    puts("signal,samples,mean,deviation,low,high,strongest");
+    for (size_t i = 0; i < n; i++) {
+        const double value[] = {of[i].mean, of[i].deviation, of[i].low, of[i].high, of[i].every};
+
+        csv_put(stdout, of[i].name);
+        printf(",%zu", of[i].n);
+        for (size_t q = 0; q < sizeof value / sizeof *value; q++) {
+            char text[PRINT_LEN];
+            printf(",%s", isnan(value[q]) ? "" : print_exact(value[q], text));
+        }
+        putchar('\n');
+    }
+}
+
 int identify_show_signals(const struct identification *z)
 {
     static const struct print_column columns[] = {{"signal", PRINT_LEFT},      {"samples", PRINT_POINT},
@@ -460,7 +476,9 @@ int identify_show_signals(const struct identification *z)
         rc = APC_ENOMEM;
     if (rc == 0 && z->cli.format == CLI_JSON)
         printf("%.*s\n", (int)json.n, json.at);
-    if (rc == 0 && z->cli.format != CLI_JSON) {
+    if (rc == 0 && z->cli.format == CLI_CSV)
+        show_signals_csv(of, r->ny + r->nu + r->nd);
+    if (rc == 0 && z->cli.format == CLI_TEXT) {
         print_table_open(&table, columns, sizeof columns / sizeof *columns);
         for (size_t i = 0; i < r->ny + r->nu + r->nd; i++) {
             print_cell(&table, PRINT_PLAIN, "%s", of[i].name);

@@ -48,6 +48,7 @@ import json, sys
 told = json.load(sys.stdin)
 assert [one["name"] for one in told["signals"]] == ["level", "valve", "flow"] and len(told["pairs"]) == 6, told
 assert all(sum(one["bars"]) == 900 for one in told["signals"])' || fail "not the same in JSON"
+expect 0 '^flow,900,.*,3,5,' "$apc" identify tank.csv "${known[@]}" --signals --csv
 expect 2 'makes no model' "$apc" identify tank.csv "${known[@]}" --signals --model arx
 for kind in transfer arx subspace fir; do
   fit=$("$apc" identify tank.csv "${known[@]}" --model $kind --csv | sed -n "s/^$kind,level,\([^,]*\),.*/\1/p")

@@ -116,11 +116,46 @@ static void what_never_moves_has_no_spectrum_and_no_correlation(void **state)
     assert_near(of[1].deviation, 0.0, 0.0);
 }
 
+/* Promise(page/signals) */
+static void gaps_and_several_records_change_nothing(void **state)
+{
+    enum { PART = N / 2 };
+    static const size_t begin[] = {0, PART};
+    struct identify_data d = {
+        .record = {.Ts = TS, .n = N, .nu = 1, .ny = 1, .u = u, .y = y, .runs = 2, .begin = begin},
+        .input = {"u"},
+        .output = {"y"}};
+    struct signal_figures of[2];
+    struct text t = {0};
+    (void)state;
+    for (size_t k = 0; k < N; k++) { /* each around a point of its own, two of five samples of y */
+        u[k] = apc_sin(2.0 * 3.14159265358979323846 * (double)k / EVERY) + (k < PART ? 0.0 : 1e3);
+        y[k] = k % 5 < 2 ? 1e6 * u[k] : (double)NAN;
+    }
+    json_add(&t, "{");
+    assert_int_equal(grid_signals(&d, &t, of), 0);
+    json_add(&t, "}");
+    json_t *json = json_loadb(t.at, t.n, 0, NULL);
+    assert_non_null(json);
+    for (size_t i = 0; i < 2; i++)
+        assert_near(of[i].every, EVERY * TS, 1e-9);
+    for (size_t i = 0; i < 3; i++) {
+        const json_t *told =
+            json_object_get(json_array_get(json_object_get(json, "pairs"), i), "correlation");
+        assert_near(at(told, 200), 1.0, 5e-3);
+        for (size_t k = 0; k < 401; k++)
+            assert_true(fabs(at(told, k)) < 1.02);
+    }
+    json_decref(json);
+    text_free(&t);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(no_spike_is_lost),
         cmocka_unit_test(period_amplitude_and_lag_are_found),
+        cmocka_unit_test(gaps_and_several_records_change_nothing),
         cmocka_unit_test(what_never_moves_has_no_spectrum_and_no_correlation),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
