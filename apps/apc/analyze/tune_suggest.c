@@ -256,7 +256,7 @@ static void show_suggestion(const char *loop, const char *which, const struct ap
         puts("unstable");
 }
 
-/* With the worst of the models that the record allows. */
+/* With the worst of the models that the record allows; its dead time may be longer than what is simulated. */
 static int show_worst(const char *output, const struct apc_transfer *g, const struct apc_transfer *error,
                       const struct apc_pid_tuning *found, double Ts, struct apc_error *why)
 {
@@ -264,10 +264,11 @@ static int show_worst(const char *output, const struct apc_transfer *g, const st
     struct answer a = {.y = NULL};
     int rc = linear_worst(&worst, g, error, found, Ts, why);
 
-    if (rc == 0)
+    if (rc == 0) {
         rc = check_suggested_loop(&worst.g, found, Ts, &a, why);
-    if (rc == 0)
-        show_suggestion(output, "worst", found, &a);
+        show_suggestion(output, "worst", found, rc == 0 ? &a : NULL);
+        rc = rc == APC_ENOMEM ? rc : 0;
+    }
     free(a.y);
     return rc;
 }
