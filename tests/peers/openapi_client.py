@@ -10,7 +10,7 @@ sys.path.insert(0, sys.argv[1])
 api = importlib.import_module("apc_ui_client.api.default")
 client = importlib.import_module("apc_ui_client").AuthenticatedClient(base_url=sys.argv[2], token=sys.argv[3])
 GIVEN = {"var": "sensor.1", "since": -60, "bins": 5, "task": "controller", "quantity": "jitter", "output": "u", "alarm": "y.high", "at": -1,
-         "inputs": "u", "outputs": "y", "loop": 1, "gain": 10.0, "tau1": 1.0}
+         "inputs": "u", "outputs": "y", "loop": 1, "gain": 10.0, "tau1": 1.0, "names": "y,u"}
 OPTIONAL = (("history", "var"), ("history", "bins"), ("preview", "tau1"))
 
 asked = 0

@@ -71,7 +71,7 @@ for _ in 1 2; do
 done
 
 # a file that may not grow, as on a full disk
-n=$(times file 'takes nothing')
+n=$(times file 'accepts no rows')
 kill -9 "$to_file"
 wait "$to_file" 2>/dev/null || true
 background file bash -c "ulimit -f 100; exec '$APC_BIN/apc-historian' --config '$work/fast.conf' --store '$live' --history '$file'"

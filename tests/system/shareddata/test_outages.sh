@@ -81,7 +81,7 @@ until_true 60 grep -q 'plant takes commands' "$work/run/apc-plant.log"
 begun=$(date -u +%FT%T.%6NZ) # from now on nothing is to be felt at the plant
 
 for outage in $outages; do
-  away=$(times 'takes nothing') again=$(times 'has all again') end=$((SECONDS + ${APC_OUTAGE:-0}))
+  away=$(times 'accepts no rows') again=$(times 'has all again') end=$((SECONDS + ${APC_OUTAGE:-0}))
   "begin_$outage"
   until_true 120 said 'the history accepts no rows' "$away"
   while :; do
