@@ -377,7 +377,7 @@ enum outcome change_judge(const struct change *change, apc_ns utc);
 /* Its outcome in words: "applied"; "superseded: it is 13 now"; "refused: too much"; "written, but ...". Returns
  * @p said->err: 0; APC_ECONFLICT "superseded"; APC_EPERM "refused"; APC_ETIMEDOUT "nobody", "unconfirmed". */
 int change_finish(const struct change *change, apc_ns utc, struct change_fault *said);
-/* Its controller has never ticked, or not lately: "nobody applies it: ..." Returns APC_EPERM. */
+/* Its controller has never ticked, or not lately: "no controller applies it: ..." Returns APC_EPERM. */
 int change_nobody(const struct change *change, apc_ns utc, struct change_fault *why);
 
 /* For who has followed the ticks of its controller: the last came @p age ago; < 0: none has.

@@ -212,11 +212,11 @@ int change_finish(const struct change *c, apc_ns utc, struct change_fault *said)
 int change_nobody(const struct change *c, apc_ns utc, struct change_fault *why)
 {
     char text[ABSENCE_LEN];
-    return c->by ? change_fail(why, APC_EPERM, "nobody", "no controller applies it: %s. Nothing was written",
-                               absence_of_taker(c, utc, text))
-                 : change_fail(why, APC_EPERM, "nobody",
-                               "nobody applies it: %s belongs to no controller. Nothing was written",
-                               c->to.name);
+    return c->by
+               ? change_fail(why, APC_EPERM, "nobody", "no controller applies it: %s. Nothing was written",
+                             absence_of_taker(c, utc, text))
+               : change_fail(why, APC_EPERM, "nobody",
+                             "no controller applies it: %s belongs to none. Nothing was written", c->to.name);
 }
 
 int change_takes(const struct change *c, apc_ns age, apc_ns utc, struct change_fault *why)

@@ -897,7 +897,7 @@ export const en = {
   "health.sensor": "Sensor",
   "health.valve": "Valve",
   "health.tight": "Tight tuning",
-  "health.periodic": "Swing from outside",
+  "health.periodic": "Oscillation from outside",
   "health.oscillates": "Oscillates",
   "health.limited": "At a limit",
   "health.slow": "Slow",

@@ -358,7 +358,7 @@ static bool find_retake(struct ui *ui, struct request *r, struct order *o, struc
             fault_set(&r->fault, 422, "value", "at", "nothing differs from what was set then");
         else if (!is_as_seen(&again, o->seen))
             fault_set(&r->fault, 409, "stale", "seen",
-                      "it is not what was shown: another user has written meanwhile. Look at it again");
+                      "it is not what was shown: another write came meanwhile. Look at it again");
         else
             take_found(r, o, &again, "apc set --from takes it again");
     }

@@ -230,7 +230,7 @@ static void settle_stored(struct writes *w, struct write *write, const struct se
         write->ended = now;
         turn_write(w, write, WRITE_ACCEPTED, 1, "");
     } else if (given && s->seq == ours->seq) {
-        turn_write(w, write, WRITE_FAILED, 0, "it was not written: another user wrote first");
+        turn_write(w, write, WRITE_FAILED, 0, "it was not written: another write came first");
     }
 }
 

@@ -293,7 +293,7 @@ static int watch_test_limits(struct test *z)
             is_same_number(row_of(z, k, TEST_TARGET)->value, wanted))
             continue;
         m->taken = false; /* it is somebody else's */
-        apc_fail(&why, APC_EPERM, "another user has moved %s, or changed its mode", m->name);
+        apc_fail(&why, APC_EPERM, "another write has moved %s, or changed its mode", m->name);
         return end_early(z, TEST_TAKEN, &why);
     }
     return 0;

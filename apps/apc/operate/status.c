@@ -43,7 +43,7 @@ static const struct cli_spec spec = {
            "output OP and its limits. Predictive control also shows the result of the last plan, its solve "
            "time, and its active constraints. A measurement or output that was not written for 10 s, or for "
            "three of its periods if that is longer, is STALE. With --at, all is as of that time, without "
-           "what is known of the present only, such as disk space and spools.",
+           "what is known of the present only, such as room in shared memory and spools.",
     .takes = CLI_STORE | CLI_FORMAT,
     .options = own_options,
 };

@@ -665,5 +665,5 @@ int apc_pg_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
         return err;
     }
     err = ended ? ended : apc_pg_read(store, samples, n);
-    return err ? err : apc_fail(&x.pg->base.why, APC_ECONFLICT, "another user was faster: it has changed");
+    return err ? err : apc_fail(&x.pg->base.why, APC_ECONFLICT, "another write was faster: it has changed");
 }

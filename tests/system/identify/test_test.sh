@@ -193,7 +193,7 @@ until_true 60 is 0
 status=0
 wait "$pid" || status=$?
 # Promise(identification/apc-test-simulated)
-[ $status -eq 4 ] && grep -q 'another user has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
+[ $status -eq 4 ] && grep -q 'another write has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
 
 # and so does what they put out
 background touched "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/touched"
@@ -202,7 +202,7 @@ until_true 60 is 0
 status=0
 wait "$pid" || status=$?
 # Promise(identification/apc-test-simulated)
-[ $status -eq 4 ] && grep -q 'another user has moved u, or changed its mode' "$work/touched.log" || fail "touched: $status, $(cat "$work/touched.log")"
+[ $status -eq 4 ] && grep -q 'another write has moved u, or changed its mode' "$work/touched.log" || fail "touched: $status, $(cat "$work/touched.log")"
 [ "$(newest manual 1 value)" = 1.2 ] && is 0 || fail "the test took back what somebody else has put out"
 "$apc" mode auto >/dev/null
 

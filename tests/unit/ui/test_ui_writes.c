@@ -560,8 +560,8 @@ static void a_lost_answer_waits_for_its_own_row(void **state)
     land(Z, &other);
     settle(S);
     assert_string_equal(told, "unknown failed");
-    assert_non_null(
-        strstr(shown("key-0001"), "\"stored\":false,\"reason\":\"it was not written: another user"));
+    assert_non_null(strstr(shown("key-0001"),
+                           "\"stored\":false,\"reason\":\"it was not written: another write came first"));
     told[0] = '\0';
     c = change_of(Z, 11); /* and one below */
     begin("key-0002", WRITE_SETPOINT, &c, 1);
