@@ -110,7 +110,7 @@ static void put_series(FILE *script, const char *name, size_t i, const struct re
 {
     if (!series)
         return;
-    const size_t n = series->n, bins = p->n_drawn > 40 ? 40 * BINS / p->n_drawn + 100 : BINS;
+    const size_t n = series->n, bins = p->n_drawn > 40 ? (size_t)40 * BINS / p->n_drawn + 100 : BINS;
     const double bin = n > 4 * bins ? (series->points[n - 1].t - series->points[0].t) / (double)bins : 0;
     const struct report_point *before = NULL;
     fprintf(script, "$%s%zu << END\n", name, i + 1);

@@ -36,7 +36,7 @@ cp "$APC_BIN"/apc "$APC_BIN"/apc-ui "$APC_BUILD_DIR"/lib/libapc.so.*.*.* "$work/
 scripts/sbom "$work/programs" >"$work/first.json"
 scripts/sbom "$work/programs" >"$work/second.json"
 cmp "$work/first.json" "$work/second.json" || fail "the second time the bill is another one"
-grep -rhoE 'from "[^."][^"/]*' ui/src --include='*.ts' --include='*.tsx' | sed 's/from "//' | sort -u >"$work/bundled"
+grep -rhoE 'from "[a-z@][^"/]*' ui/src --include='*.ts' --include='*.tsx' | sed 's/from "//' | sort -u >"$work/bundled"
 page=$APC_BUILD_DIR/share/apc/ui
 if [ -e "$page/index.html" ]; then
   sed -n 's/^== \(.*\) [0-9.]*$/\1/p' "$page/notices.txt" | diff "$work/bundled" - || fail "the page is without a licence of what is bundled into it"
