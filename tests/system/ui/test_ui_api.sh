@@ -79,6 +79,8 @@ export APC_UI_LOGIN=$ui_port
 
 # the controller has written before the first question
 until_true 60 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+moved_a_second_ago() { curl -fsS -o /dev/null "http://127.0.0.1:$APC_UI_OPEN/api/why?output=u&at=-1&over=0.5" 2>/dev/null; }
+until_true 60 moved_a_second_ago
 until_true 60 grep -q 'store connected' "$work/secure.log"
 "$APC_BUILD_DIR/tests/ui_probe"
 
