@@ -559,7 +559,7 @@ static void read_plant_fault(struct settings *s, const config_setting_t *group, 
 
 void experiment_read_plant_faults(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    const struct apc_model *m = e->plant.external ? NULL : e->plant.model;
+    const struct apc_model *m = e->plant.model;
     const config_setting_t *group = config_setting_get_member(root, "plant");
     const config_setting_t *list = m ? settings_list(s, group, "faults", OPTIONAL) : NULL;
     const size_t np = m && m->param ? m->np : 0, nd = m ? m->nd : 0;

@@ -235,10 +235,12 @@ expect 0 'r\.high +1 +Acknowledged Active' "$apc" alarm list --all --store "sqli
 # ---- As it was: hundreds of instants of these records, with a client, alarms and controller that were killed, against their tables
 # Promise(run/at-time-shows): `--at TIME` shows what was newest at that time, with the quality and age that it had then.
 
-as_it_was() { # STORE, and the rows of its tables: variable, seq, time in us, status, value, author
-  python3 - "$apc" "$1" "$2" "$3" <<'END' || fail "$1: it was otherwise"
-import csv, json, random, subprocess, sys
-apc, store, file, n = sys.argv[1:]
+as_it_was() { # STORE, the rows of its tables: variable, seq, time in us, status, value, author; how many times, and of how many the page
+  background page "$APC_BIN/apc-ui" --config "$work/fast.conf" --store "$1" --listen 127.0.0.1:0
+  until_true 60 grep -q 'store connected' "$work/page.log"
+  python3 - "$apc" "$1" "$2" "$3" "$4" "$(sed -n 's/.*serving \(http:[^ ]*\) .*/\1/p' "$work/page.log")" <<'END' || fail "$1: it was otherwise"
+import csv, json, random, subprocess, sys, urllib.request
+apc, store, file, n, most, page = sys.argv[1:]
 random.seed(7)
 tables = "sensor actuator setpoint dim opmode tuning manual state actual estimate alarm".split()
 rows, authors = {}, {}
@@ -273,7 +275,26 @@ def same(v, at):
         assert v["status"] == "UncertainLastUsableValue" if doubt and severity == "Good" else v["status"].startswith(severity), (v, row, doubt)
         assert "author" not in v or v["author"] == authors.get(row[4]), (v, row)
     return bool(row)
-seen, states = 0, {}
+def page_was(at):
+    state, alarms = (json.load(urllib.request.urlopen("%s/api/%s?at=%d.%06d" % (page.rstrip("/"), what, *divmod(at, 10**6)))) for what in ("state", "alarms"))
+    assert round(state["as_of"] * 1e6) == round(alarms["as_of"] * 1e6) == at, (text(at), state["as_of"], alarms["as_of"])
+    assert [a["id"] for a in state["alarms"]] == [a["id"] for a in alarms["alarms"] if a["seq"] > 0], text(at)
+    seen = 0
+    for ref, (seq, time, value, status) in state["values"].items():
+        table, _, id = ref.partition(".")
+        row, doubt = newest(table, int(id), at)
+        assert (seq, value, time and round(time * 1e6)) == ((row[0], row[3], row[1]) if row else (0, None, None)), (ref, seq, time, value, row, text(at))
+        assert state["authors"].get(ref) == (authors.get(row[4]) if row else None), (ref, row, text(at))
+        severity = ["Good", "Uncertain", "Bad"][row[2] >> 30] if row else "Bad"
+        lacks = doubt and severity == "Good" and table != "estimate"
+        assert status == "UncertainLastUsableValue" if lacks else status.startswith(severity), (ref, status, row, doubt, text(at))
+        seen += bool(row)
+    for a in alarms["alarms"]:
+        row, _ = newest("alarm", a["id"], at)
+        assert (a["seq"], a["author"]) == ((row[0], authors.get(row[4])) if row else (0, None)), (a, row, text(at))
+        assert not row or round(a["time"] * 1e6) == row[1] and pages.setdefault(row[3], a["state"]) == a["state"], (a, row, text(at))
+    return seen
+seen, states, pages, asked = 0, {}, {}, 0
 for i in range(int(n)):
     at = random.choice((random.randrange(begin, end), random.choice(times) + random.choice((-1, 0, 1))))
     if not begin <= at < end + 2:
@@ -281,6 +302,9 @@ for i in range(int(n)):
     values = ask(at, "get")
     assert all(v["as_of"] == text(at) for v in values)
     seen += sum(same(v, at) for v in values)
+    if asked < int(most):
+        asked += 1
+        seen += page_was(at)
     if i % 4 == 0:
         status = ask(at, "status")
         assert status["as_of"] == text(at) and "spools" not in status
@@ -298,11 +322,15 @@ for i in range(int(n)):
             assert not row or a["time"] == text(row[1]) and states.setdefault(row[3], a["state"]) == a["state"], (a, row)
             assert not row or a["author"] == authors.get(row[4]), (a, row)
 assert seen > 10 * int(n), seen
+assert asked == int(most) and len(set(pages.values())) == len(pages) > 1, (asked, pages)
 assert not states or len(set(states.values())) == len(states) > 1, states
 for at, why in (begin - 10**10, "it begins at"), (end + 10**15, "is in the future"):
     done = subprocess.run([apc, "get", "--store", store, "--at", text(at)], capture_output=True, text=True)
     assert done.returncode == 1 and not done.stdout and why in done.stderr, (done, why)
 END
+  kill "$pid"
+  wait "$pid" || fail "the page ended with $?"
+  rm "$work/page.log"
 }
 python3 - "$work/file.db" >"$work/file.rows" <<'END'
 import csv, sqlite3, sys
@@ -313,12 +341,12 @@ for v, *row in store.execute("SELECT variable, seq, time, status, value, author 
 for row in store.execute("SELECT number, name FROM author"):
     out.writerow(("author", *row))
 END
-as_it_was "sqlite:$work/file.db" "$work/file.rows" 160
+as_it_was "sqlite:$work/file.db" "$work/file.rows" 160 40
 for table in sensor actuator setpoint dim opmode tuning manual actual estimate alarm; do
   sql "SELECT concat_ws(',', '$table', id, seq, (extract(epoch FROM time) * 1000000)::int8, status, value, coalesce(author, 0)) FROM apc.$table"
 done >"$work/database.rows"
 sql "SELECT concat_ws(',', 'author', number, name) FROM apc.author" >>"$work/database.rows"
-as_it_was "$APC_STORE" "$work/database.rows" 60
+as_it_was "$APC_STORE" "$work/database.rows" 60 30
 expect 2 'at goes with apc alarm list' "$apc" alarm journal --at 1h
 expect 2 'must be a time' "$apc" get --at yesterday
 expect 2 'at shows one plant' "$apc" status --all --at 1h

@@ -124,6 +124,13 @@ expect 1 'delays.csv:2: a bin from 0.02 to 0.01 that counts 3' "$apc" simulate "
 expect 0 'u +300 +300 +0 +0 +0\.0000' "$apc" replay "$work/clean" --tolerance 0
 expect 1 'u differs by' "$apc" replay "$work/clean" --law "$APC_BUILD_DIR/examples/mylaw.so" --tolerance 0.01
 
+# An external plant of which the file names a model breaks in a simulation as one of ours.
+sed -e '/^ *listen/d' -e 's/^plant = {/& external = true;/' "$conf" >"$work/external.conf"
+broken=$(for file in "$conf" "$work/external.conf"; do
+  "$apc" simulate "$file" --duration 60 --set 'plant.faults=( { signal = "K"; kind = "drift"; at = 5.0; size = 0.1; } )' | grep sha256
+done | sort -u)
+[ "$(wc -l <<<"$broken")" -eq 1 ] || fail "an external plant breaks otherwise: $broken"
+
 # Promise(run): A figure of many samples stays small, and draws each spike.
 "$apc" simulate "$conf" --duration 20000 --report "$work/long" >/dev/null
 awk -F, -v OFS=, '$1 == "10000.000000" && $2 == "sensor" { $5 = 90 } { print }' "$work/long/samples.csv" >"$work/spike.csv"
