@@ -264,7 +264,8 @@ static void the_worst_of_the_models_is_shown(void **state)
     static const char *const errors[] = {"0.5", "4", "3e7"}, *const late[] = {"0.1", "-1", "1e9"};
     (void)state;
     simulate_paper("title", "title");
-    for (size_t i = 0; i < sizeof errors / sizeof *errors; i++) { /* the last: of numbers the record does not tell */
+    for (size_t i = 0; i < sizeof errors / sizeof *errors;
+         i++) { /* the last: of numbers the record does not tell */
         ask_query((const char *[]){"loop", "1", "gain", "10", "tau1", "10", "dead_time", "1",
                                    "dead_time_error", late[i], "gain_error", errors[i], "Kp", "0.5", NULL});
         json_t *json = answered(get_preview);
