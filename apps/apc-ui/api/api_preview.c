@@ -238,14 +238,19 @@ static int try_tuning(struct workbench *w, const struct apc_transfer *g, struct 
     return rc < 0 ? rc : loop_preview_run(&t->curves, why);
 }
 
+/* Its dead time may be longer than what is simulated: then it is left out. */
 static int try_worst(struct workbench *w, struct apc_error *why)
 {
     struct linear_worst worst;
-    const int rc = linear_worst(&worst, &w->g, &w->error, &w->proposed.tuning, w->Ts, why);
+    int rc = linear_worst(&worst, &w->g, &w->error, &w->proposed.tuning, w->Ts, why);
 
     w->unstable = worst.unstable;
     w->worst.tuning = w->proposed.tuning;
-    return rc < 0 ? rc : try_tuning(w, &worst.g, &w->worst, why);
+    if (rc == 0 && (rc = try_tuning(w, &worst.g, &w->worst, why)) < 0) {
+        loop_preview_free(&w->worst.curves);
+        rc = rc == APC_ENOMEM ? rc : 0;
+    }
+    return rc;
 }
 
 void curve_json(const char *name, const double *at, double Ts, const double *v, size_t n, struct text *t)
