@@ -378,7 +378,7 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
   withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
     for (const key of ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics", "plants", "logbook", "health"]) {
       await page.goto(page.url().replace(/#.*/, `#${key}`));
-      await page.locator("main section").waitFor();
+      await page.locator("main section").first().waitFor();
       const wide = await page.evaluate(() => document.documentElement.scrollWidth);
       assert.ok(wide <= 400, `${key} is ${wide} pixels wide`);
       const rows = await page.evaluate(() => new Set([...document.querySelectorAll("nav a")].map(one => one.getBoundingClientRect().top)).size);
