@@ -220,7 +220,7 @@ static void each_answer_is_the_same_to_the_last_letter(void **state)
 
         ask_nothing();
         snprintf(request.name, sizeof request.name, "y1.high");
-        memcpy(query, q->query, sizeof query);
+        memcpy(query, q->query, sizeof q->query);
         if (q->body) {
             request.body = strdup(q->body);
             request.n = strlen(q->body);
