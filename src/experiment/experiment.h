@@ -616,9 +616,9 @@ int experiment_read(const char *name, char path[EXPERIMENT_PATH], struct record 
                     struct apc_error *why);
 
 /*
- * Fault number @p i: those of the experiment's measurements, then those of its outputs; behind these one of each kind for
- * each of them, the link, each controller, disturbance and parameter of the plant, which waits for an instructor. When it begins, since the
- * plant's first tick, and the numbers of one that waits so, are of this run (LOOPS_FAULT). kind NULL: there are no more.
+ * Fault number @p i: those of the experiment's measurements, then those of its outputs. Behind these stands one of each kind
+ * for each of them, the link, each controller, disturbance and parameter of the plant, which waits for an instructor: when it
+ * begins, since the plant's first tick, and its numbers are of this run (LOOPS_FAULT). kind NULL: there are no more.
  */
 #define FAULT_NEVER INT64_MAX
 enum fault_number {
