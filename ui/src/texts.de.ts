@@ -782,7 +782,7 @@ export const de = {
   "trial.none": "Keine erprobte Einstellung gibt weniger Alarme.",
   "performance.beside": "Ziel verfehlt",
 
-  "signals.title": "Kennzahlen",
+  "signals.title": "Diagramme",
   "signals.histogram": "Histogramm",
   "signals.spectrum": "Spektrum",
   "signals.correlation": "Korrelation",

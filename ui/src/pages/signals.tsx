@@ -39,7 +39,7 @@ function Pictures({of}: {of: SignalFigures}): JSX.Element {
         </>)}
         {of.pairs.map(one => <>
           <Picture title={`${one.from}, ${one.to}: ${tr("signals.correlation")}`} unit=" s" x={one.correlation.map((_, i) => (i - (one.correlation.length - 1) / 2) * of.lag)} y={one.correlation} />
-          <Picture title={`${one.to} (${one.from})`} x={one.x} y={one.y} />
+          {one.from !== one.to && <Picture title={`${one.to} (${one.from})`} x={one.x} y={one.y} />}
         </>)}
       </div>
   );
