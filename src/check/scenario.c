@@ -458,7 +458,9 @@ static void read_trigger(struct scenario_reading *r, const struct scenario_when 
         find_triggered_fault(r, when, trigger);
     }
     of->n_triggers++;
-    if (r->s.failed)
+    if (of->n_triggers > 1 && when[-1].group == when->group) /* the power of the plant happens once */
+        trigger->expectation = trigger[-1].expectation;
+    if (r->s.failed || trigger->expectation < of->n_expect)
         return;
     name_when(when, trigger, condition, text, sizeof text);
     if (check_parse_when(&of->expect[of->n_expect], text, condition, &of->e, &of->sources, &why) < 0)

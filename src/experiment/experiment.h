@@ -93,6 +93,7 @@ struct plant_fault {
     size_t k;            /* of the controllers, disturbances or parameters */
     apc_ns at, duration; /* duration 0: for ever */
     double size;
+    bool of_file;
 };
 
 /* A law or a model, as apc_law_find() and apc_model_find() take it. */
@@ -653,6 +654,7 @@ struct experiment_fault {
     unsigned takes;                 /* of FAULT_SIZE to FAULT_HIGH, 1 << each: its kind */
     int row;                        /* id of LOOPS_FAULT() */
     int numbers; /* id of the first of LOOPS_FAULT_NUMBER(); 0: they are the experiment's */
+    bool of_file;
 };
 struct experiment_fault experiment_fault(const struct experiment *e, size_t i);
 /* Of these last ones, of a measurement or an output. */

@@ -127,7 +127,8 @@ static struct experiment_fault plant_fault(const struct experiment *e, size_t i)
                                      .at = &fault->at,
                                      .duration = &fault->duration,
                                      .number = {[FAULT_SIZE] = is_of_model(fault) ? &fault->size : NULL},
-                                     .takes = is_of_model(fault) ? 1U << FAULT_SIZE : 0};
+                                     .takes = is_of_model(fault) ? 1U << FAULT_SIZE : 0,
+                                     .of_file = fault->of_file};
 }
 
 size_t experiment_find_plant_fault(const struct experiment *e, const char *signal, const char *kind)
@@ -186,6 +187,7 @@ struct experiment_fault experiment_fault(const struct experiment *e, size_t i)
     size_t waiting = i;
     if (find_own_fault(e, &waiting, &fault)) {
         fault.row = LOOPS_FAULT(i);
+        fault.of_file = true;
     } else if (waiting < LOOPS_FAULT_MOST) {
         fault = find_waiting_fault(e, waiting);
         fault.row = LOOPS_FAULT(LOOPS_FAULT_OWN + waiting);
@@ -527,7 +529,7 @@ static void add_plant_fault(struct experiment *e, enum fault_of of, size_t k)
 
 static void read_plant_fault(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
-    static const char *const known[] = {"signal", "kind", "at", "duration", "size", NULL};
+    static const char *const known[] = {"signal", "kind", "at", "instructor", "duration", "size", NULL};
     char signal[EXPERIMENT_NAME] = "";
     apc_ns when[2] = {0, 0};
     const int kind = read_fault_time(s, group, known, plant_faults + FAULT_OF_ACTUATOR,
@@ -544,7 +546,7 @@ static void read_plant_fault(struct settings *s, const config_setting_t *group, 
             "\"%s\" has no fault \"%s\": the link is lost, a controller hung or killed, a disturbance "
             "another one, and parameters drift",
             signal, said);
-    else if (fault->at != FAULT_NEVER)
+    else if (fault->of_file)
         settings_fail(s, group, "\"%s\" has a fault \"%s\" already: there is one of each at a time", signal,
                       said);
     else
@@ -554,6 +556,7 @@ static void read_plant_fault(struct settings *s, const config_setting_t *group, 
         return;
     fault->at = when[0];
     fault->duration = when[1];
+    fault->of_file = true;
     e->plant.n_timed++;
 }
 

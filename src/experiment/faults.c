@@ -84,8 +84,7 @@ void faults_close(struct faults *f)
 
 bool faults_listed(const struct faults *f, size_t i)
 {
-    const struct experiment_fault fault = experiment_fault(&f->e, i);
-    return f->row[i].seq > 0 || fault.numbers == 0 || *fault.at != FAULT_NEVER;
+    return f->row[i].seq > 0 || experiment_fault(&f->e, i).of_file;
 }
 
 enum fault_state faults_state(const struct faults *f, size_t i)

@@ -336,7 +336,7 @@ for pid in "${rested[@]}"; do wait "$pid" || fail "the rest of a run is another:
 # What people want of an alarm waits for the next tick as well
 sed -e 's/name = "y";/& alarms = ( { kind = "high"; limit = 1.0; } ); faults = ( { kind = "stuck"; instructor = true; } );/' \
   -e 's/name = "u";/& faults = ( { kind = "saturation"; low = 0.0; high = 0.2; at = 50.0; } );/' \
-  -e 's/^plant = {/& faults = ( { signal = "K"; kind = "drift"; size = 0.5; at = 55.0; duration = 4.0; } );/' "$file" >"$work/alarmed.conf"
+  -e 's/^plant = {/& faults = ( { signal = "K"; kind = "drift"; size = 0.5; at = 55.0; duration = 4.0; }, { signal = "link"; kind = "lost"; instructor = true; duration = 0.4; } );/' "$file" >"$work/alarmed.conf"
 file=$work/alarmed.conf begin alarmed --no-ui
 speed step 20
 expect 0 'y\.high: acknowledged \(seen\) \(written: the simulation is paused, its next tick applies it\)$' \
@@ -350,11 +350,13 @@ fault() { "$apc" fault --store "$store" "$@"; }
 expect 0 '1 +y +stuck +waits for the instructor' fault
 expect 0 '2 +u +saturation +at 50 s' fault
 expect 0 ' +K +drift +size=0\.5 duration=4 +at 55 s' fault
-expect 0 '^3$' bash -c "$(declare -f fault); apc=$apc store=$store; fault --json | grep -o number | wc -l"
+expect 0 ' link +lost +duration=0\.4 +waits for the instructor' fault
+expect 0 '^4$' bash -c "$(declare -f fault); apc=$apc store=$store; fault --json | grep -o number | wc -l"
 expect 0 'y stuck: starts at the next tick' fault start 1
 speed step 10
 expect 0 'u saturation: starts' fault start 2
 expect 0 'y stuck: stops' fault stop 1
+expect 0 'link lost: starts' fault start "$(fault | sed -n 's/^ *\([0-9]*\) *link .*/\1/p')"
 speed step 5
 expect 0 '1 +y +stuck +stopped at 7 s' fault
 expect 0 '"number":2,"signal":"u","kind":"saturation","settings":"","state":"started","since":946684807' fault --json

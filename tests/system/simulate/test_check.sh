@@ -34,11 +34,12 @@ cat >$scenarios/broken.scenario <<'END'
 experiment = "../quadruple-tank.conf"; duration = 60.0;
 faults = ( { signal = "A1"; kind = "drift"; at = 2.0; size = 0.5; duration = 8.0; }, { signal = "d3"; kind = "disturbance"; at = 12.0; size = 1.0; },
   { signal = "link"; kind = "lost"; when = "plant y1 > 6.15"; after = 1.0; duration = 4.0; },
-  { signal = "controller"; kind = "hung"; at = 30.0; duration = 3.0; }, { signal = "plant"; kind = "power"; at = 40.0; duration = 2.0; } );
+  { signal = "controller"; kind = "hung"; at = 30.0; duration = 3.0; }, { signal = "plant"; kind = "power"; when = "plant y1 > 0"; after = 40.0; duration = 2.0; } );
 expect = ( "never y1 < 6.0", "within 15 s v1 at fault value from 15 s" );
 END
 "$apc" check $scenarios/broken.scenario --report broken >broken.txt && fail "y1 was always known: $(cat broken.txt)"
 grep -q 'held    lost link 1 s after plant y1 > 6.15' broken.txt || fail "$(cat broken.txt)"
+[ "$(grep -c 'held    power plant 40 s after plant y1 > 0: at 40' broken.txt)$(grep -c 'power\|dropout' broken.txt)" = 11 ] || fail "not one line: $(cat broken.txt)"
 [ "$("$apc" simulate broken/broken-1 | sed -n 's/^sha256: *//p')" = "$(sha256sum <broken/broken-1/samples.csv | cut -d ' ' -f 1)" ] || fail "another run"
 grep -q '^3[01]\..*at its safe value' broken/broken-1/events.csv || fail "nobody hung: $(cat broken/broken-1/events.csv)"
 [ "$(grep -c 'plant lost' broken/broken-1/events.csv)$(grep -c 'measurement 1 is Bad' broken/broken-1/events.csv)" = 12 ] || fail "$(cat broken/broken-1/events.csv)"
