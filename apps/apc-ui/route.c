@@ -65,6 +65,8 @@ const struct route routes[] = {
     {"POST", "/api/refuse", ROLE_OPERATOR, WRITER, post_refuse, "",
      "refuse a write that waits for a second person"},
     {"POST", "/api/speed", ROLE_OPERATOR, WRITER, post_speed, "", "change the speed of a simulated plant"},
+    {"POST", "/api/fork", ROLE_ENGINEER, WRITER, post_fork, "",
+     "start a second run from a time of a simulated plant"},
     {"GET", "/api/faults", ROLE_ENGINEER, PAST, get_faults, "", "the faults of a simulated plant"},
     {"POST", "/api/faults", ROLE_ENGINEER, WRITER, post_fault, "",
      "start or stop a fault of a simulated plant"},

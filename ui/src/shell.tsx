@@ -147,7 +147,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
     <header>
       <b class="brand">libapc</b>
       <a class="plant" href={`./${location.search}${path("plants")}`} title={tr("shell.allPlants")}>{p?.name ?? "…"}</a>
-      {simulated && <b class="simulation">{tr("speed.simulation")}</b>}
+      {simulated && <b class="simulation">{tr(simulated.second ? "speed.second" : "speed.simulation")}</b>}
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>
         {!database ? "DB …" : !database.connected ? <><Shape priority={1} label={tr("shell.databaseOffline")} /> {tr("shell.databaseOffline")}</> : tr(connected ? "shell.databaseOk" : "shell.databaseUnknown")}

@@ -103,6 +103,7 @@ export const de = {
   "common.service.in": "In Betrieb",
 
   "speed.simulation": "SIMULATION",
+  "speed.second": "2. SIMULATION",
   "speed.title": "Simulation",
   "speed.speed": "Geschwindigkeit",
   "speed.paused": "angehalten",
@@ -119,6 +120,7 @@ export const de = {
   "whatif.title": "Was wäre, wenn: von diesem Zeitpunkt an",
   "whatif.how": "Dieser Befehl macht von diesem Zeitpunkt an in virtueller Zeit weiter, angehalten, mit eigener Seite und eigener Aufzeichnung. Die Anlage bleibt unberührt. Geben Sie ihn in einem Terminal ein, im Ordner der Experimentdatei; APC_STORE ist dort die URI des Speichers dieser Anlage.",
   "whatif.command": "Befehl",
+  "whatif.begin": "Daneben starten",
   "whatif.copy": "Kopieren",
   "whatif.copied": "Kopiert",
   "whatif.notCopied": "Der Browser erlaubt das nicht: markieren und kopieren Sie den Befehl",

@@ -102,6 +102,7 @@ export const en = {
   "common.service.in": "In service",
 
   "speed.simulation": "SIMULATION",
+  "speed.second": "2nd SIMULATION",
   "speed.title": "Simulation",
   "speed.speed": "Speed",
   "speed.paused": "paused",
@@ -118,6 +119,7 @@ export const en = {
   "whatif.title": "Go on otherwise from this instant",
   "whatif.how": "This command goes on from this instant in virtual time, paused, with a page and a record of its own. The plant is not touched. Type it in a terminal, in the folder of the experiment file; APC_STORE there is the URI of this plant's store.",
   "whatif.command": "Command",
+  "whatif.begin": "Start it beside this one",
   "whatif.copy": "Copy",
   "whatif.copied": "Copied",
   "whatif.notCopied": "The browser does not allow that: select the command and copy it",

@@ -54,7 +54,7 @@ test("a history that is away, or late, is said quietly; one that keeps up is not
 test("a simulated plant is marked on every page, and its speed is told and changed", async () => {
   const PLANT = 946684800; // its t = 0
   const asked: unknown[] = [];
-  let now = {t: PLANT + 12.4, asked: 10 as number | null, reached: 9.8, steps: 0, error: null as string | null};
+  let now = {t: PLANT + 12.4, asked: 10 as number | null, reached: 9.8, steps: 0, second: false, error: null as string | null};
   const beat = async (part: Partial<typeof now> | null): Promise<void> => {
     now = {...now, ...part};
     env.source.send("beat", {t: server.now, connected: true, control: server.control, history: null, simulation: part && now});

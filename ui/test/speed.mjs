@@ -51,6 +51,12 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await page.getByRole("button", {name: "Copy"}).click();
   await until("it is copied", async () => (await page.evaluate(() => navigator.clipboard.readText())) === (await command.inputValue()));
   writeFileSync(process.env.APC_UI_COMMAND, await command.inputValue());
+  // Promise(page/fork): Beside a simulated plant it starts that second run itself; the page of that, in a second tab, is marked on every screen.
+  await page.getByRole("button", {name: "Start it beside this one"}).click();
+  const [second] = await Promise.all([page.context().waitForEvent("page"), page.getByRole("link", {name: "127.0.0.1"}).click()]);
+  await until("it is marked", async () => (await second.locator("header .simulation").textContent()) === "2nd SIMULATION");
+  await until("it stands where that one does", async () => Math.abs((await time(second)) - (await time(page))) < 0.01);
+  await second.close();
   await page.keyboard.press("Escape");
 
   // Promise(page/faults): The page gives the instructor of a simulated plant its faults to start and to stop.

@@ -64,6 +64,7 @@ void post_owner(struct ui *ui, struct request *r, struct apc_store *store);
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
 void post_speed(struct ui *ui, struct request *r, struct apc_store *store);
 void get_faults(struct ui *ui, struct request *r, struct apc_store *store);
+void post_fork(struct ui *ui, struct request *r, struct apc_store *store);
 void post_fault(struct ui *ui, struct request *r, struct apc_store *store);
 void post_log(struct ui *ui, struct request *r, struct apc_store *store);
 /* What differs of variables, loops, controllers called @names, with commas between them, NULL or "": of all; the

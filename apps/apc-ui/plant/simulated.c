@@ -3,6 +3,7 @@
 #include "apc-ui/ui.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 
 #include "common/storeuri.h"
 
@@ -44,7 +45,7 @@ void simulated_json(const struct model *m, struct text *t)
     if (s->state == 0 || s->clock.now == 0) /* or the store is away */
         json_add(t, "null");
     else
-        json_add(t, "{t:%.6jd, asked:%g, reached:%g, steps:%ju, error:%-s}", s->clock.now, s->clock.asked,
-                 s->state > 0 && s->clock.asked != 0 ? s->clock.reached : 0.0, (uintmax_t)s->clock.steps,
-                 s->why);
+        json_add(t, "{t:%.6jd, asked:%g, reached:%g, steps:%ju, second:%i, error:%-s}", s->clock.now,
+                 s->clock.asked, s->state > 0 && s->clock.asked != 0 ? s->clock.reached : 0.0,
+                 (uintmax_t)s->clock.steps, getenv("APC_FORKED") != NULL, s->why);
 }

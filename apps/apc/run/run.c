@@ -554,6 +554,8 @@ int command_run(int argc, char **argv)
     umask(077); /* the record of a plant is its owner's */
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     run_take_over(&r);
+    if (getenv("APC_FORKED"))
+        r.parent = (pid_t)strtol(getenv("APC_FORKED"), NULL, 10);
     int rc = run_experiment(&r);
     run_await_aside();
     samples_free(&r.written);

@@ -47,6 +47,7 @@ struct run {
     struct samples written;      /* --from: what people wrote before it */
     struct store_folder past;    /* what was, of a store */
     apc_ns rewind; /* UTC of the simulated plant to which people want to go back; 0: they do not */
+    pid_t parent;  /* it ends with that process, whose second run it is; 0: with none */
     pid_t rewound; /* the page's process, from the run that was rewound; 0: there is none */
     char dir[512], config[544], store_name[400], live_name[128], host[256];
     struct segment segment;          /* the store in memory, if it was given none */

@@ -66,6 +66,11 @@ static bool look_after(void *ctx)
         v->ended = true;
         return true;
     }
+    if (r->parent > 0 && getppid() != r->parent) {
+        printf("stopping (the run beside which it was started has ended)\n");
+        v->ended = true;
+        return true;
+    }
     if (now - v->checked >= SUPERVISOR_LOOK) {
         v->checked = now;
         (void)supervisor_check(&r->daemons, &why); /* the page alone, which stands aside */

@@ -80,7 +80,7 @@ told() {
 }
 # Promise(server/speed): POST /api/speed pauses a simulated plant, makes ticks of it and changes its speed; what it cannot do is
 #   refused with the reason.
-told '"asked":0,"reached":0,"steps":[0-9]+,"error":null} 200' '{"speed":0,"steps":2}'
+told '"asked":0,"reached":0,"steps":[0-9]+,"second":false,"error":null} 200' '{"speed":0,"steps":2}'
 until_true 60 made
 ticked=$(speed --json | sed 's/.*"t":\([0-9.]*\),.*/\1/')
 told ' 200' '{"speed":0,"steps":5}'
@@ -232,6 +232,20 @@ csrf=$(curl -fsS "${page}api/session" | sed -n 's/.*"csrf":"\([^"]*\)".*/\1/p')
 told '"field":"rewind".* 409' '{"rewind":946684823.6}'
 told '"field":"rewind".* 422' '{"rewind":946684803,"speed":1}'
 told '"field":"rewind".* 422' '{"rewind":0}'
+# Promise(server/fork): POST /api/fork starts a second run from an instant of a simulated plant, with a page of its own; it goes on while the
+#   first one is rewound, and ends with it.
+fork() { curl -sS -w ' %{http_code}' -X POST -H 'Content-Type: application/json' -H "X-CSRF-Token: $csrf" -d "$1" "${page}api/fork"; }
+expect 0 'must be a time of the plant to which it has come.* 422$' fork '{"from":946684823.6}'
+expect 0 'must be a time of the plant to which it has come.* 422$' fork '{"from":-1}'
+expect 0 '"now\\" is not a finite number.* 422$' fork '{"from":"now"}'
+expect 0 'is missing.* 400$' fork '{}'
+expect 0 "\"folder\":\"$work/back.fork1\"} 200" fork '{"from":946684820}'
+mkdir "$work/back.fork2"
+touch "$work/back.fork2/taken"
+expect 0 'the second run did not start: .*back.fork2 is not empty.* 409$' fork '{"from":946684800}'
+beside=$(sed -n 's/^page: *//p' "$work/back.fork1.log")
+beside_is() { curl -fsS "${beside}api/state" | grep -q "\"simulation\":{\"t\":946684820[0-9.]*,\"asked\":0,\"reached\":0,\"steps\":0,\"second\":true,"; }
+until_true 60 beside_is
 # Promise(run/rewind-page): The server of the page lives through a rewind: who is logged in remains so, and is told to begin anew.
 curl -fsSN --max-time 60 "${page}events" >"$work/events" &
 reading=$!
@@ -242,6 +256,7 @@ grep -A 1 '^event: bye' "$work/events" | grep -q '"reason":"restart"' || fail "t
 there_again() { curl -fsS "${page}api/state" | grep -q '"simulation":{"t":946684803[0-9.]*,"asked":0,'; }
 until_true 60 there_again
 told ' 200' '{"speed":0,"steps":1}'
+until_true 60 beside_is
 [ "$(grep -c 'restarts: its simulated plant was rewound' "$work/back/apc-ui.log")" -eq 2 ] || fail "another server: $(cat "$work"/back*/apc-ui.log)"
 expect 0 ' 12 ' "$apc" get --store "$store" r
 back_to 0
@@ -254,6 +269,11 @@ expect 0 '' "$apc" set --store "$store" --no-wait u 1.5
 speed max
 wait $pid || fail "exit code $?"
 [ "$(digest "$work/back/samples.csv")" = "$expected" ] || fail "what goes on from there is another run"
+beside_ended() { grep -q '^samples:' "$work/back.fork1.log"; }
+until_true 60 beside_ended
+grep -q 'stopping (the run beside which it was started has ended)' "$work/back.fork1.log" || fail "$(cat "$work/back.fork1.log")"
+again "$work/back.fork1"
+awk -F, '$1 >= 20 { exit } { print }' "$work/back.2/samples.csv" | diff -q - <(awk -F, '$1 >= 20 { exit } { print }' "$work/back.fork1/samples.csv") || fail "its past is another one"
 # Promise(run/rewind-twice): Who goes back while somebody else does so goes back from there, or is told where the plant is.
 begin twice --no-ui
 speed step 200

@@ -13,7 +13,7 @@ simulator=$pid
 until_true 60 grep -q APC_STORE "$work/run.log"
 store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/run.log")
 until_true 60 "$apc" speed --store "$store"
-serve ui --store "$store"
+serve ui --store "$store" --spool "$work/run"
 export APC_UI_URL=$ui_url APC_UI_SIMULATOR=$simulator APC_UI_COMMAND=$work/command
 in_browser speed
 # What the page said to type goes on from there.

@@ -187,6 +187,7 @@ export interface Simulation {
   asked: number | null; // plant seconds per second; 0: paused; null: as fast as it goes
   reached: number;
   steps: number; // ticks to be made while it is paused
+  second: boolean; // a run that was started from another one's page
   error: string | null; // nobody simulates it any more
 }
 
