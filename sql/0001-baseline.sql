@@ -26,13 +26,13 @@ COMMENT ON TABLE migration IS 'Which files of sql/ were applied. Written by apc 
 COMMENT ON COLUMN migration.version IS 'Number of the file.';
 COMMENT ON COLUMN migration.name IS 'Name of the file, without .sql.';
 COMMENT ON COLUMN migration.applied_at IS 'When it was applied, UTC.';
-COMMENT ON COLUMN migration.compatible_from IS 'Programs made for this version or a later one go on with it; NULL: of its own.';
+COMMENT ON COLUMN migration.compatible_from IS 'Oldest version whose programs can use the schema; NULL: this version.';
 
 CREATE TABLE repair (
     name       text PRIMARY KEY,
     applied_at timestamptz NOT NULL DEFAULT now()
 );
-COMMENT ON TABLE repair IS 'Which repairs (sql/NNNN-repair-*.sql) were applied: they leave the version as it was.';
+COMMENT ON TABLE repair IS 'Which repairs (sql/NNNN-repair-*.sql) were applied. A repair does not change the version.';
 COMMENT ON COLUMN repair.name IS 'Name of the file, without .sql.';
 COMMENT ON COLUMN repair.applied_at IS 'When it was applied, UTC.';
 
@@ -55,7 +55,7 @@ CREATE FUNCTION samples() RETURNS text[] LANGUAGE sql IMMUTABLE AS $$
                  'tick', 'plan', 'prediction']
 $$;
 COMMENT ON FUNCTION samples() IS
-    'The tables of rows (id, seq), in the library''s order; the only names that become part of a command.';
+    'The tables of rows (id, seq), in the order of enum apc_table. No other name becomes part of a command.';
 
 CREATE TABLE sensor (
     id     integer NOT NULL,
@@ -73,12 +73,12 @@ CREATE TABLE sensor (
     CONSTRAINT origin_is_seq CHECK (origin BETWEEN 1 AND 9007199254740991)
 ) PARTITION BY RANGE (time);
 COMMENT ON COLUMN sensor.id IS 'Number of the variable: 1..n is a row of the vector, 0 a scalar.';
-COMMENT ON COLUMN sensor.seq IS 'Counts a variable''s rows from 1; rises strictly, survives restarts. A double holds it exactly.';
-COMMENT ON COLUMN sensor.time IS 'Source time, UTC: when the value was acquired or made. May step with the clock.';
-COMMENT ON COLUMN sensor.status IS 'OPC UA StatusCode; 0 is Good, the top two of 32 bits are the severity.';
-COMMENT ON COLUMN sensor.value IS 'In the unit that table tag names; magnitude below 1e300.';
-COMMENT ON COLUMN sensor.origin IS 'seq of the row that it comes from; NULL: none.';
-COMMENT ON COLUMN sensor.author IS 'author.number of who wrote it; NULL: not said.';
+COMMENT ON COLUMN sensor.seq IS 'Number of the row of its variable, from 1; each new row has the next one, also after a restart.';
+COMMENT ON COLUMN sensor.time IS 'Source time, UTC: when the value was measured or calculated. May step with the clock.';
+COMMENT ON COLUMN sensor.status IS 'OPC UA StatusCode: 0 is Good; the top two of 32 bits tell Good, Uncertain and Bad.';
+COMMENT ON COLUMN sensor.value IS 'In the unit of table tag; magnitude below 1e300.';
+COMMENT ON COLUMN sensor.origin IS 'seq of the row that this row answers; NULL: none.';
+COMMENT ON COLUMN sensor.author IS 'author.number of the author; NULL: not known.';
 
 CREATE TABLE actuator (LIKE sensor INCLUDING ALL) PARTITION BY RANGE (time);
 ALTER TABLE actuator ADD COLUMN sensor_seq bigint CONSTRAINT sensor_seq_positive CHECK (sensor_seq > 0),
@@ -107,36 +107,36 @@ CREATE TABLE tick (
 ) PARTITION BY RANGE (time);
 ALTER TABLE tick ALTER COLUMN value SET STORAGE EXTERNAL; -- doubles do not compress
 COMMENT ON COLUMN tick.id IS 'Number of the variable: 1..n.';
-COMMENT ON COLUMN tick.seq IS 'Counts a variable''s rows from 1; rises strictly, survives restarts. A double holds it exactly.';
+COMMENT ON COLUMN tick.seq IS 'Number of the row of its variable, from 1; each new row has the next one, also after a restart.';
 COMMENT ON COLUMN tick.time IS 'Source time, UTC. May step with the clock.';
-COMMENT ON COLUMN tick.status IS 'OPC UA StatusCode; 0 is Good, the top two of 32 bits are the severity.';
-COMMENT ON COLUMN tick.value IS 'In the unit that table tag names; magnitude below 1e300.';
+COMMENT ON COLUMN tick.status IS 'OPC UA StatusCode: 0 is Good; the top two of 32 bits tell Good, Uncertain and Bad.';
+COMMENT ON COLUMN tick.value IS 'In the unit of table tag; magnitude below 1e300.';
 CREATE TABLE plan (LIKE tick INCLUDING ALL) PARTITION BY RANGE (time);
 CREATE TABLE prediction (LIKE tick INCLUDING ALL) PARTITION BY RANGE (time);
 
-COMMENT ON COLUMN actuator.sensor_seq IS 'Written by nobody; in old rows seq of the measurement it was computed from.';
-COMMENT ON COLUMN actuator.setpoint_seq IS 'Written by nobody; in old rows seq of the setpoint it was computed from.';
-COMMENT ON COLUMN actuator.origin IS 'seq of the tick that it comes from; NULL: none.';
-COMMENT ON COLUMN actual.id IS 'tag.number of the wanted variable.';
+COMMENT ON COLUMN actuator.sensor_seq IS 'Not written any more. In old rows: seq of the measurement that the output was calculated from.';
+COMMENT ON COLUMN actuator.setpoint_seq IS 'Not written any more. In old rows: seq of the setpoint that the output was calculated from.';
+COMMENT ON COLUMN actuator.origin IS 'seq of the tick row that the output was calculated in; NULL: none.';
+COMMENT ON COLUMN actual.id IS 'tag.number of the variable that was written.';
 COMMENT ON COLUMN plan.id IS 'Number of the setpoint.';
 
-COMMENT ON TABLE sensor IS 'Measurements y. Written by apc-client.';
-COMMENT ON TABLE actuator IS 'Manipulated variables u. Written by apc-controller.';
-COMMENT ON TABLE setpoint IS 'Setpoints. Written by apc-scheduler and the operator.';
-COMMENT ON TABLE dim IS 'Ids 1..3: number of measurements, setpoints, manipulated variables. Written at set-up.';
+COMMENT ON TABLE sensor IS 'Measurements and calculated signals, y. Written by apc-client and apc-controller.';
+COMMENT ON TABLE actuator IS 'Outputs, u. Written by apc-controller.';
+COMMENT ON TABLE setpoint IS 'Setpoints, z. Written by apc-scheduler, upper controllers and operators.';
+COMMENT ON TABLE dim IS 'Ids 1..3: number of measurements, setpoints, outputs. Written by apc init.';
 COMMENT ON TABLE opmode IS
-    'Targets and switches, written by operators. Ids 1 to 65535: target mode of that loop, 0 Man, 1 Auto, 2 out of service, 3 Cas; id 0: of all loops. From 65536 on: kind x 65536 + tag.number.';
-COMMENT ON TABLE tuning IS 'Parameters of the control law. Written by the operator.';
-COMMENT ON TABLE manual IS 'The operator''s outputs, used in mode Man. Written by the operator.';
+    'Target modes, and switches of setpoints and alarms. Written by operators. Ids 1 to 65535: target mode of that loop, 0 Man, 1 Auto, 2 OOS, 3 Cas; id 0: of all loops. From 65536 on: kind x 65536 + tag.number.';
+COMMENT ON TABLE tuning IS 'Tuning parameters of the laws. Written by operators.';
+COMMENT ON TABLE manual IS 'Outputs of loops in Man. Written by operators.';
 COMMENT ON TABLE actual IS
-    'What became of what somebody wants: the value in force of the variable whose tag.number is id. Good: taken; Bad: refused; Uncertain: not yet.';
-COMMENT ON TABLE estimate IS 'What laws publish, and what a controller in shadow would put out. Written by apc-controller.';
-COMMENT ON TABLE alarm IS 'State of each alarm (ISA-18.2). Written by who evaluates it.';
+    'Outcome of writes: the value in force of the variable whose tag.number is id. Good: applied; Bad: refused; Uncertain: pending.';
+COMMENT ON TABLE estimate IS 'Estimates of laws, and shadow outputs. Written by apc-controller.';
+COMMENT ON TABLE alarm IS 'State of each alarm (ISA-18.2). Written by apc-alarms.';
 COMMENT ON TABLE tick IS
-    'A row a tick of a controller: what it was made from, what the next one goes on from. Layout: catalogue. Kept a day.';
+    'One row a tick of a controller: its inputs, and its state for the next tick. Layout: catalogue. Kept for a day.';
 COMMENT ON TABLE plan IS
-    'What a setpoint will be: pairs of seconds from time on, and value. Written by apc-scheduler and upper controllers.';
-COMMENT ON TABLE prediction IS 'What laws publish over a horizon. Written by apc-controller. Kept a day.';
+    'Future setpoints: pairs of seconds after time, and value. Written by apc-scheduler and upper controllers.';
+COMMENT ON TABLE prediction IS 'Predictions of laws over their horizon. Written by apc-controller. Kept for a day.';
 
 -- ---- Partitions -----------------------------------------------------------------------------------------
 CREATE FUNCTION make_partition(target text, suffix text) RETURNS void LANGUAGE plpgsql AS $$
@@ -185,7 +185,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION make_days(text, date, integer, date) IS
-    'Make the partition of so many days from the first on, unless it is there.';
+    'Make the partition of that many days, unless it is there.';
 
 CREATE FUNCTION make_week(target text, monday date, today date) RETURNS void LANGUAGE sql AS $$
     SELECT make_days(target, monday, 7, today)
@@ -205,13 +205,13 @@ COMMENT ON FUNCTION drop_week(text, text) IS 'Drop a partition, but not the newe
 CREATE FUNCTION span(target text) RETURNS integer LANGUAGE sql IMMUTABLE AS $$
     SELECT CASE WHEN target IN ('tick', 'prediction') THEN 1 ELSE 7 END
 $$;
-COMMENT ON FUNCTION span(text) IS 'How many days a partition of a table is for.';
+COMMENT ON FUNCTION span(text) IS 'Days that a partition of a table covers.';
 
 CREATE FUNCTION ahead(target text, today date) RETURNS SETOF date LANGUAGE sql STABLE AS $$
     SELECT CASE span(target) WHEN 1 THEN today + i ELSE date_trunc('week', today::timestamp)::date + 7 * i END
       FROM generate_series(0, CASE span(target) WHEN 1 THEN 7 ELSE 4 END) AS i
 $$;
-COMMENT ON FUNCTION ahead(text, date) IS 'First days of the partitions for now and the time to come.';
+COMMENT ON FUNCTION ahead(text, date) IS 'First days of the present and the next partitions.';
 
 -- ---- Descriptions, events, timing -----------------------------------------------------------------------
 CREATE TABLE tag (
@@ -238,23 +238,23 @@ CREATE TABLE tag (
     UNIQUE (table_name, name) DEFERRABLE INITIALLY DEFERRED, -- names may change places
     CONSTRAINT low_not_above_high CHECK (low <= high)
 );
-COMMENT ON TABLE tag IS 'What a variable is called and may be. Replaced as a whole, by its owner only: apc init.';
+COMMENT ON TABLE tag IS 'Name, unit and limits of each variable. Replaced as a whole by the owner: apc init.';
 COMMENT ON COLUMN tag.table_name IS 'Table of the variable.';
 COMMENT ON COLUMN tag.id IS 'Number of the variable in that table.';
 COMMENT ON COLUMN tag.name IS 'Name, unique in its table, at most 63 bytes.';
 COMMENT ON COLUMN tag.unit IS 'Engineering unit of value; may be empty.';
-COMMENT ON COLUMN tag.description IS 'For people.';
-COMMENT ON COLUMN tag.low IS 'Lowest value allowed, in the unit; -1e300: no limit.';
-COMMENT ON COLUMN tag.high IS 'Highest value allowed, in the unit; 1e300: no limit.';
+COMMENT ON COLUMN tag.description IS 'Description of the variable; may be empty.';
+COMMENT ON COLUMN tag.low IS 'Low limit, in the unit; -1e300: none.';
+COMMENT ON COLUMN tag.high IS 'High limit, in the unit; 1e300: none.';
 COMMENT ON COLUMN tag.number IS
-    'Number of the variable over all tables: 16 id + number of the table in the library''s order.';
-COMMENT ON COLUMN tag.controller IS 'Name of the controller that it belongs to; may be empty.';
-COMMENT ON COLUMN tag.area IS 'Where in the plant, a path such as unit1/reactor; may be empty.';
+    'Number of the variable over all tables: 16 id + number of the table (enum apc_table).';
+COMMENT ON COLUMN tag.controller IS 'Controller of the variable; may be empty.';
+COMMENT ON COLUMN tag.area IS 'Area of the plant, a path such as unit1/reactor; may be empty.';
 COMMENT ON COLUMN tag.length IS 'Elements of a vector; 0: a number.';
-COMMENT ON COLUMN tag.step IS 'Seconds from element to element; 0: they are no course in time.';
-COMMENT ON COLUMN tag.period IS 'How often it comes, s; 0: not said.';
-COMMENT ON COLUMN tag.display_low IS 'Lower end of its scale, in the unit; equal to display_high: not said.';
-COMMENT ON COLUMN tag.display_high IS 'Upper end of its scale, in the unit.';
+COMMENT ON COLUMN tag.step IS 'Seconds from element to element; 0: the elements are no series in time.';
+COMMENT ON COLUMN tag.period IS 'Period of the variable, s; 0: not known.';
+COMMENT ON COLUMN tag.display_low IS 'Low end of the scale, in the unit; equal to display_high: no scale.';
+COMMENT ON COLUMN tag.display_high IS 'High end of the scale, in the unit.';
 
 CREATE TABLE author (
     number bigint GENERATED ALWAYS AS IDENTITY (MAXVALUE 2147483647) PRIMARY KEY,
@@ -263,11 +263,11 @@ CREATE TABLE author (
     UNIQUE (name, role),
     UNIQUE (number, role)
 );
-COMMENT ON TABLE author IS 'Who writes what people write. Kept by author_number().';
-COMMENT ON COLUMN author.number IS 'Stands in column author of a row.';
+COMMENT ON TABLE author IS 'Authors of what people write. Written by author_number().';
+COMMENT ON COLUMN author.number IS 'Number that column author of a row has.';
 COMMENT ON COLUMN author.name IS
-    'As the program says, which may serve many people; in rows written by SQL the database''s user.';
-COMMENT ON COLUMN author.role IS 'The database''s user who wrote under this name, and who alone may.';
+    'Name given by the program, which may serve many people; in rows written by SQL the database user.';
+COMMENT ON COLUMN author.role IS 'The database user who wrote under this name; no other user may.';
 
 CREATE TABLE event (
     id       bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
@@ -284,18 +284,18 @@ CREATE TABLE event (
     CONSTRAINT author_is_the_users FOREIGN KEY (author, role) REFERENCES author (number, role)
 );
 CREATE INDEX ON event (time);
-COMMENT ON TABLE event IS 'What happened: operator actions, mode changes, lost connections. Written by every program.';
+COMMENT ON TABLE event IS 'Events: operator actions, mode changes, lost links. Written by every program.';
 COMMENT ON COLUMN event.id IS 'Order of arrival.';
 COMMENT ON COLUMN event.time IS 'When it happened, UTC.';
 COMMENT ON COLUMN event.severity IS '1 information, 2 warning, 3 alarm.';
 COMMENT ON COLUMN event.source IS 'The program, or the operator''s name.';
 COMMENT ON COLUMN event.kind IS 'start, stop, mode, operator, link, store, measurement, rejected, watchdog, overrun, clock.';
-COMMENT ON COLUMN event.text IS 'One line for people.';
-COMMENT ON COLUMN event.role IS 'The database''s user who wrote the row: source is what a program says, this is what it is.';
-COMMENT ON COLUMN event.number IS 'tag.number of the variable that it is about; NULL: of none.';
-COMMENT ON COLUMN event.seq IS 'seq of the row that it is about; NULL: of none.';
-COMMENT ON COLUMN event.author IS 'author.number of who did it; NULL: not said.';
-COMMENT ON COLUMN event.class IS 'operator, process, chatter; NULL: not said.';
+COMMENT ON COLUMN event.text IS 'The message, one line.';
+COMMENT ON COLUMN event.role IS 'The database user who wrote the row; source is only what the program says.';
+COMMENT ON COLUMN event.number IS 'tag.number of the variable; NULL: none.';
+COMMENT ON COLUMN event.seq IS 'seq of the row; NULL: none.';
+COMMENT ON COLUMN event.author IS 'author.number of the author; NULL: not known.';
+COMMENT ON COLUMN event.class IS 'operator, process, chatter; NULL: not known.';
 
 CREATE TABLE timing (
     id        bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
@@ -323,20 +323,20 @@ COMMENT ON COLUMN timing.id IS 'Order of arrival.';
 COMMENT ON COLUMN timing.time IS 'End of the window, UTC.';
 COMMENT ON COLUMN timing.task IS 'Name of the task.';
 COMMENT ON COLUMN timing.quantity IS
-    'lateness: start after release; jitter: start to start minus the period; run: start to end.';
-COMMENT ON COLUMN timing.period IS 'The task''s period, ns.';
-COMMENT ON COLUMN timing.missed IS 'Releases missed in the window.';
+    'lateness: start after the planned time; jitter: start to start minus the period; run: start to end.';
+COMMENT ON COLUMN timing.period IS 'Period of the task, ns.';
+COMMENT ON COLUMN timing.missed IS 'Ticks missed in the window.';
 COMMENT ON COLUMN timing.count IS 'Ticks in the window.';
 COMMENT ON COLUMN timing.mean IS 'Mean, ns.';
 COMMENT ON COLUMN timing.sd IS 'Standard deviation, ns.';
 COMMENT ON COLUMN timing.p50 IS 'Median, ns.';
 COMMENT ON COLUMN timing.p99 IS '99th percentile, ns.';
 COMMENT ON COLUMN timing.max IS 'Largest, ns.';
-COMMENT ON COLUMN timing.bin_low IS 'Lower edges of the filled buckets, ns.';
-COMMENT ON COLUMN timing.bin_high IS 'Upper edges, ns.';
-COMMENT ON COLUMN timing.bin_count IS 'How many fell into each.';
+COMMENT ON COLUMN timing.bin_low IS 'Low edges of the bins that are not empty, ns.';
+COMMENT ON COLUMN timing.bin_high IS 'High edges of these bins, ns.';
+COMMENT ON COLUMN timing.bin_count IS 'Ticks in each of these bins.';
 COMMENT ON COLUMN timing.role IS
-    'The database''s user who wrote the row: task is what a program says, this is what it is. NULL: of before it was kept.';
+    'The database user who wrote the row; task is only what the program says. NULL: an older row.';
 
 -- ---- What the plant is, and what people ask for ---------------------------------------------------------
 CREATE TABLE catalogue (
@@ -346,11 +346,11 @@ CREATE TABLE catalogue (
     text     text NOT NULL
 );
 COMMENT ON TABLE catalogue IS
-    'What the plant is: signals, controllers, loops, layout of vectors. The highest revision is in force. Written by its owner only.';
+    'The plant: signals, controllers, loops, layout of vectors. The highest revision is in force. Written by the owner: apc init.';
 COMMENT ON COLUMN catalogue.revision IS 'Counts from 1.';
-COMMENT ON COLUMN catalogue.time IS 'From when on, UTC.';
+COMMENT ON COLUMN catalogue.time IS 'Start of this revision, UTC.';
 COMMENT ON COLUMN catalogue.kind IS
-    'live: the modules meet here. history: a record of what a historian brings; people write to table request.';
+    'live: the live store of the modules. history: written by a historian; people write to table request.';
 COMMENT ON COLUMN catalogue.text IS 'The experiment file in force.';
 
 CREATE TABLE request (
@@ -368,19 +368,19 @@ CREATE TABLE request (
     CONSTRAINT until_is_near CHECK (until <= time + interval '1 hour')
 );
 COMMENT ON TABLE request IS
-    'What people want written, where this is a history: a historian takes it to the live store, once.';
+    'Requests of people for writes, in a history: a historian writes each to the live store, once.';
 COMMENT ON COLUMN request.id IS 'Order of arrival.';
-COMMENT ON COLUMN request.time IS 'When it was asked for, UTC.';
-COMMENT ON COLUMN request.until IS 'Not to be done later than that.';
+COMMENT ON COLUMN request.time IS 'When the write was requested, UTC.';
+COMMENT ON COLUMN request.until IS 'The request expires then, UTC.';
 COMMENT ON COLUMN request.table_name IS 'Table of the variable.';
 COMMENT ON COLUMN request.variable IS 'Number of the variable in that table.';
-COMMENT ON COLUMN request.value IS 'What it is to be.';
-COMMENT ON COLUMN request.author IS 'Who wants it, as the program says.';
-COMMENT ON COLUMN request.reason IS 'Why, for people; may be empty.';
-COMMENT ON COLUMN request.role IS 'The database''s user who wrote the row.';
+COMMENT ON COLUMN request.value IS 'The value to write.';
+COMMENT ON COLUMN request.author IS 'The author, as the program says.';
+COMMENT ON COLUMN request.reason IS 'Reason for the write; may be empty.';
+COMMENT ON COLUMN request.role IS 'The database user who wrote the row.';
 COMMENT ON COLUMN request.seq IS
-    'Of the row in the live store; 0: there is none; NULL: not done yet. Written by the historian.';
-COMMENT ON COLUMN request.outcome IS 'What became of it, for people. Written by the historian.';
+    'seq of the row in the live store; 0: there is none; NULL: pending. Written by the historian.';
+COMMENT ON COLUMN request.outcome IS 'Outcome of the write, in words. Written by the historian.';
 
 CREATE FUNCTION request_made() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
@@ -440,7 +440,7 @@ BEGIN
     RETURN target::regclass;
 END
 $$;
-COMMENT ON FUNCTION writable(text) IS 'The table of samples of that name, which the session''s user may write; or an error.';
+COMMENT ON FUNCTION writable(text) IS 'The table of rows of that name, if the user of the session may write it; else an error.';
 
 -- With the rights of the functions and triggers here, which alone may call them. By what the roles may do, not by their
 -- names: a person writes setpoints and claims nothing.
@@ -454,7 +454,7 @@ BEGIN
                         AND pg_has_role(session_user, a.grantee, 'MEMBER')), false);
 END
 $$;
-COMMENT ON FUNCTION is_person() IS 'Does the session''s user operate, and is no program that writes setpoints by itself?';
+COMMENT ON FUNCTION is_person() IS 'Is the user of the session a person who operates, and not a program?';
 
 CREATE FUNCTION number_of(said text) RETURNS bigint LANGUAGE plpgsql AS $$
 DECLARE
@@ -468,18 +468,18 @@ BEGIN
     RETURN found_number;
 END
 $$;
-COMMENT ON FUNCTION number_of(text) IS 'The number of that name of the session''s user; it is kept when it is new.';
+COMMENT ON FUNCTION number_of(text) IS 'The number of that name of the user of the session; a new name is added.';
 
 -- No caller turns it: it executes no dynamic command, and the name that it keeps is his own user's.
 CREATE FUNCTION author_number(said text) RETURNS bigint LANGUAGE sql VOLATILE SECURITY DEFINER
     SET search_path FROM CURRENT AS $$ SELECT number_of(said) $$;
-COMMENT ON FUNCTION author_number(text) IS 'What stands in column author for somebody whom this user speaks for.';
+COMMENT ON FUNCTION author_number(text) IS 'The number for column author, of a person for whom this user writes.';
 
 -- With its caller's rights, as a policy of opmode asks it; the search_path is not his.
 CREATE FUNCTION loops() RETURNS SETOF integer LANGUAGE sql STABLE SET search_path FROM CURRENT AS $$
     SELECT id FROM tag WHERE table_name = 'opmode' AND id BETWEEN 1 AND 65535 AND controller <> ''
 $$;
-COMMENT ON FUNCTION loops() IS 'Numbers of the loops: what of opmode has a tag that names its controller.';
+COMMENT ON FUNCTION loops() IS 'Numbers of the loops: variables of opmode whose tag has a controller.';
 
 -- ---- One writer a variable ------------------------------------------------------------------------------
 -- A claim holds as long as the session's advisory lock: it ends with the session, so a dead writer's claim is free at
@@ -496,19 +496,19 @@ CREATE UNLOGGED TABLE claim ( -- empty after a crash, as are the sessions
 );
 CREATE INDEX ON claim (pid);
 COMMENT ON TABLE claim IS
-    'Which session is the one writer of a variable; true as long as that session lives. Kept by claim_set().';
+    'Which session has the claim to a variable; valid while that session lives. Written by claim_set().';
 COMMENT ON COLUMN claim.table_name IS 'Table of the variable.';
 COMMENT ON COLUMN claim.id IS 'Number of the variable in that table.';
-COMMENT ON COLUMN claim.name IS 'Who, for people: program, server process, client.';
+COMMENT ON COLUMN claim.name IS 'Holder of the claim, in words: program, server process, client.';
 COMMENT ON COLUMN claim.pid IS
     'Server process of the session; it lives while the advisory lock (oid of this table, pid) is held.';
-COMMENT ON COLUMN claim.started IS 'When that session began: tells it from a later one of the same number.';
+COMMENT ON COLUMN claim.started IS 'When that session began; distinguishes it from a later one with the same number.';
 
 -- The server shows an owner who is no superuser neither when the session of another role began nor its address, also
 -- where a function with his rights runs in that session. So a session keeps when it began: a value that is its own, and
 -- stays when its transaction is rolled back.
 CREATE SEQUENCE session_began;
-COMMENT ON SEQUENCE session_began IS 'When a session first claimed, in microseconds since 1970: currval() of that session. Kept by session_began().';
+COMMENT ON SEQUENCE session_began IS 'When a session made its first claim, in us since 1970: currval() of that session. Written by session_began().';
 
 CREATE FUNCTION session_began() RETURNS timestamptz LANGUAGE plpgsql AS $$
 DECLARE
@@ -520,7 +520,7 @@ EXCEPTION WHEN object_not_in_prerequisite_state THEN
 END
 $$;
 COMMENT ON FUNCTION session_began() IS
-    'When this session began; where the server does not tell its owner, when it first asked. Tells it from a later one of the same number.';
+    'When this session began; where the server hides it from the owner, when the session first asked.';
 
 CREATE FUNCTION is_claimant(pid integer) RETURNS boolean LANGUAGE sql STABLE AS $$
     SELECT EXISTS (SELECT FROM pg_locks AS l
@@ -528,7 +528,7 @@ CREATE FUNCTION is_claimant(pid integer) RETURNS boolean LANGUAGE sql STABLE AS 
                       AND l.objid = is_claimant.pid::oid AND l.objsubid = 2
                       AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database()))
 $$;
-COMMENT ON FUNCTION is_claimant(integer) IS 'Does the session of that server process hold claims by set?';
+COMMENT ON FUNCTION is_claimant(integer) IS 'Does the session of that server process hold claims?';
 
 CREATE FUNCTION claimant(pid integer) RETURNS text LANGUAGE sql STABLE AS $$
     SELECT coalesce((SELECT format('%s (server process %s%s)', coalesce(nullif(a.application_name, ''), a.usename), a.pid,
@@ -538,7 +538,7 @@ CREATE FUNCTION claimant(pid integer) RETURNS text LANGUAGE sql STABLE AS $$
                                         THEN coalesce(', client ' || host(a.client_addr), ', local client') END)
                        FROM pg_stat_activity AS a WHERE a.pid = claimant.pid), 'a writer that has just left')
 $$;
-COMMENT ON FUNCTION claimant(integer) IS 'Who that server process works for, in words.';
+COMMENT ON FUNCTION claimant(integer) IS 'User and program of that server process, in words.';
 
 -- No caller turns it: of each target nothing is used before writable() has found it; ids and texts are executed
 -- nowhere. pid and start of the session are the server's own word.
@@ -592,7 +592,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION claim_set(text[], integer[]) IS
-    'Become the one writer of these variables, all or none, for as long as this session lives. holder: NULL, or who has the one at that place; last: newest seq of each.';
+    'Claim these variables, all or none, for as long as this session lives. holder: NULL, or the holder of the variable at that place; last: newest seq of each.';
 
 -- No caller turns it: it executes no dynamic command, and takes away only what is this session's.
 CREATE FUNCTION claim_release(targets text[], ids integer[]) RETURNS bigint
@@ -607,7 +607,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION claim_release(text[], integer[]) IS
-    'Give up being the one writer of these variables; how many there were.';
+    'Release claims to these variables; returns their count.';
 
 -- A whole table. No caller turns it: of target nothing is used before writable() has found it. What it says of the
 -- holder is text, executed nowhere.
@@ -639,7 +639,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION claim(text, integer) IS
-    'Become the one writer of a table for as long as this session lives. holder: NULL, or who has it; last: newest seq of ids 1..n.';
+    'Claim a table for as long as this session lives. holder: NULL, or the holder; last: newest seq of ids 1..n.';
 
 -- ---- The newest rows, and one row a key -----------------------------------------------------------------
 -- The row of a variable in _newest is also its lock: two who append to the same variable follow each other, and
@@ -679,7 +679,7 @@ BEGIN
         EXECUTE format('CREATE TABLE %I (LIKE %I INCLUDING COMMENTS INCLUDING STORAGE, previous bigint NOT NULL'
                        ' DEFAULT 0, PRIMARY KEY (id)) WITH (fillfactor = 50)', target || '_newest', target);
         EXECUTE format('COMMENT ON TABLE %I IS %L', target || '_newest',
-                       format('The newest row of each variable of table %s. Kept by a trigger.', target));
+                       format('The newest row of each variable of table %s. Written by a trigger.', target));
         EXECUTE format('COMMENT ON COLUMN %I.previous IS %L', target || '_newest',
                        'seq of the newest before it; 0: none.');
 
@@ -858,7 +858,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION {table}_vacant(integer[], bigint[]) IS
-    'Hold those of these variables whose newest seq it is and that nobody else holds: position, next seq.'
+    'Lock those of these variables that have this newest seq and no other lock: position, next seq.'
         $function$, '{table}', target);
     END LOOP;
 END
@@ -928,7 +928,7 @@ BEGIN
         ' IS NOT TRUE', target || '_packed') END || ' GROUP BY v.id, v.seq', target) USING ids, seqs;
 END
 $$;
-COMMENT ON FUNCTION absent(text, integer[], bigint[]) IS 'Which of these samples are not stored yet.';
+COMMENT ON FUNCTION absent(text, integer[], bigint[]) IS 'Positions of the samples that are not stored yet.';
 
 -- ---- What is in a chunk -----------------------------------------------------------------------------------
 -- Weeks that are complete can be packed: up to 1024 samples of one variable, whose seqs follow each other, are one row of
@@ -938,7 +938,7 @@ COMMENT ON FUNCTION absent(text, integer[], bigint[]) IS 'Which of these samples
 CREATE FUNCTION eight_bytes(data bytea, place integer) RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
     SELECT ('x' || encode(substring(data FROM place + 1 FOR 8), 'hex'))::bit(64)::bigint
 $$;
-COMMENT ON FUNCTION eight_bytes(bytea, integer) IS 'The whole number at that place, from 0.';
+COMMENT ON FUNCTION eight_bytes(bytea, integer) IS 'The integer at that place, from 0.';
 
 CREATE FUNCTION double_of(bits bigint) RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE AS $$
 DECLARE
@@ -953,7 +953,7 @@ BEGIN
     RETURN CASE WHEN bits < 0 THEN -size ELSE size END;
 END
 $$;
-COMMENT ON FUNCTION double_of(bigint) IS 'The number whose bits these are.';
+COMMENT ON FUNCTION double_of(bigint) IS 'The number with these bits.';
 
 CREATE FUNCTION bits_of(number double precision) RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
     SELECT ('x' || encode(float8send(number), 'hex'))::bit(64)::bigint
@@ -1013,7 +1013,7 @@ BEGIN
     END IF;
 END
 $$;
-COMMENT ON FUNCTION unpack_column(bytea, integer, integer) IS 'A column of a chunk, and where the next one begins.';
+COMMENT ON FUNCTION unpack_column(bytea, integer, integer) IS 'A column of a chunk, and the place of the next one.';
 
 CREATE FUNCTION unpack(data bytea)
     RETURNS TABLE (i integer, "time" timestamptz, status bigint, value double precision, origin bigint, author bigint,
@@ -1041,7 +1041,7 @@ BEGIN
       FROM generate_series(0, n - 1) AS k;
 END
 $$;
-COMMENT ON FUNCTION unpack(bytea) IS 'The samples of a chunk, numbered from 0: its seqs begin at its first.';
+COMMENT ON FUNCTION unpack(bytea) IS 'The samples of a chunk, numbered from 0; seq is first + i.';
 
 DO $do$
 DECLARE
@@ -1070,20 +1070,20 @@ CREATE TABLE {table}_packed (
 );
 ALTER TABLE {table}_packed ALTER COLUMN data SET STORAGE EXTERNAL; -- it is compressed
 COMMENT ON TABLE {table}_packed IS
-    'Chunks of table {table}: samples of one variable whose seqs are first to last. Made by apc maintain --pack.';
+    'Chunks of table {table}: samples of one variable with seqs from first to last. Written by apc maintain --pack.';
 COMMENT ON COLUMN {table}_packed.first IS 'seq of its first sample.';
 COMMENT ON COLUMN {table}_packed.last IS 'seq of its last sample.';
 COMMENT ON COLUMN {table}_packed.since IS 'Earliest time of its samples.';
 COMMENT ON COLUMN {table}_packed.until IS 'Latest time of its samples.';
-COMMENT ON COLUMN {table}_packed.final IS 'seq of the last that is not Bad; 0: none.';
-COMMENT ON COLUMN {table}_packed.worst IS 'Highest status of all.';
-COMMENT ON COLUMN {table}_packed.lowest IS 'Least value of those not Bad; 0: none.';
-COMMENT ON COLUMN {table}_packed.highest IS 'Greatest value of those not Bad; 0: none.';
-COMMENT ON COLUMN {table}_packed.mean IS 'Mean of those not Bad; 0: none.';
-COMMENT ON COLUMN {table}_packed.latest IS 'Value of seq final; 0: none.';
+COMMENT ON COLUMN {table}_packed.final IS 'seq of the last sample that is not Bad; 0: none.';
+COMMENT ON COLUMN {table}_packed.worst IS 'Highest status of all samples.';
+COMMENT ON COLUMN {table}_packed.lowest IS 'Lowest value that is not Bad; 0: none.';
+COMMENT ON COLUMN {table}_packed.highest IS 'Highest value that is not Bad; 0: none.';
+COMMENT ON COLUMN {table}_packed.mean IS 'Mean of the values that are not Bad; 0: none.';
+COMMENT ON COLUMN {table}_packed.latest IS 'Value of the sample with seq final; 0: none.';
 COMMENT ON COLUMN {table}_packed.id IS 'Number of the variable.';
-COMMENT ON COLUMN {table}_packed.good IS 'How many samples are not Bad.';
-COMMENT ON COLUMN {table}_packed.data IS 'For unpack().';
+COMMENT ON COLUMN {table}_packed.good IS 'Number of samples that are not Bad.';
+COMMENT ON COLUMN {table}_packed.data IS 'The samples in compressed form: unpack().';
 CREATE VIEW {table}_all AS SELECT id, seq, time, status, value{of_rows} FROM {table} AS s UNION ALL
     SELECT p.id, p.first + u.i, u.time, u.status, u.value{of_chunks}
       FROM {table}_packed AS p CROSS JOIN LATERAL unpack(p.data) AS u;
@@ -1098,7 +1098,7 @@ $do$;
 -- transaction. What is written to the week meanwhile, by a clock that is wrong or a spool that is late, leaves a word
 -- in table late; then the week stays as it is until the next time.
 CREATE TABLE late (partition name NOT NULL);
-COMMENT ON TABLE late IS 'Partitions that are being packed, once for each row that was written to them meanwhile.';
+COMMENT ON TABLE late IS 'Partitions that are being packed: one row for each row written to them meanwhile.';
 COMMENT ON COLUMN late.partition IS 'Name of the partition.';
 
 -- No caller turns it: it is the trigger of tables of this schema, which only the owner makes, and not PUBLIC's; it
@@ -1154,7 +1154,7 @@ BEGIN
     DELETE FROM late AS l WHERE l.partition = pack_begin.partition;
 END
 $$;
-COMMENT ON FUNCTION pack_begin(text) IS 'The first transaction of packing a week: notice what comes late from now on.';
+COMMENT ON FUNCTION pack_begin(text) IS 'First transaction of packing a week: from now on late rows are noticed.';
 
 -- What stays rows, because too few seqs follow each other, goes where rows of no week are. A week's small chunks are packed
 -- likewise; which there are is not said by packable(). Two maintainers exclude each other by
@@ -1182,7 +1182,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION pack_end(text, text, integer[], bigint[], bigint[]) IS
-    'The last statement of packing a week: it goes, but for the rows of these runs; how many these are.';
+    'Last statement of packing a week: drops it, except the rows of these runs; returns their count.';
 
 -- As drop_week() does: but not the newest sample of any variable, whose week may be there still.
 CREATE FUNCTION drop_packed(target text, before timestamptz) RETURNS SETOF bigint LANGUAGE plpgsql AS $$
@@ -1198,7 +1198,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION drop_packed(text, timestamptz) IS
-    'Drop chunks that ended before, but not the newest sample of any variable.';
+    'Drop chunks that ended before that time, but not the newest sample of any variable.';
 
 -- ---- Chunks as they come ----------------------------------------------------------------------------------
 -- The historian may write several samples of a variable as one chunk (apc-historian --pack), into a table of the week that
@@ -1208,7 +1208,7 @@ CREATE FUNCTION make_open(target text, partition text) RETURNS void LANGUAGE plp
 BEGIN
     EXECUTE format('CREATE TABLE %I (PRIMARY KEY (id, last)) INHERITS (%I)', partition, target || '_packed');
     EXECUTE format('COMMENT ON TABLE %I IS %L', partition,
-                   format('Small chunks of table %s, in the week that they came in. Written by apc-historian --pack.', target));
+                   format('Small chunks of table %s, in the week when they came. Written by apc-historian --pack.', target));
     EXECUTE format('ALTER TABLE %I OWNER TO %s', partition, -- it may be a superuser who writes
                    (SELECT relowner::regrole FROM pg_class WHERE oid = to_regclass(quote_ident(target))));
 END
@@ -1279,7 +1279,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION append_chunks IS
-    'Append chunks, one a variable, each with its place in data and its last sample. Those that are not newer than what is there: unique_violation.';
+    'Append chunks, one a variable, each with its place in data and its last sample. unique_violation: a chunk is not newer than the stored rows.';
 
 -- ---- Trends -----------------------------------------------------------------------------------------------
 -- trend() gives what signals were in a span of time, by their names, and trend_bins() sums it up for a chart. View X_all
@@ -1330,7 +1330,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION trend(timestamptz, timestamptz, text[]) IS
-    'Samples of signals from a time on and before another, packed or not: one signal after the other, each by seq. A value that is Bad is NULL.';
+    'Samples of signals since a time and before another, packed or not: signal by signal, each by seq. A value that is Bad is NULL.';
 
 -- A chunk that is shorter than four bins counts as a whole for the bin in which it begins: so each row says from when to
 -- when it is, and what it says of that time is exact.
@@ -1369,7 +1369,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION trend_bins(timestamptz, timestamptz, integer, text[]) IS
-    'The same summed up in at most so many rows a signal. Each says from when to when it is; a chunk that is shorter than four bins is in one as a whole.';
+    'The same in at most that many bins a signal, each with its span. A chunk shorter than four bins counts in one bin.';
 
 -- ---- Housekeeping -----------------------------------------------------------------------------------------
 -- For the owner: apc maintain, or CALL it with the plant's schema first in the search_path. Partitions are made ahead,
@@ -1440,7 +1440,7 @@ BEGIN
 END
 $$;
 COMMENT ON PROCEDURE maintain(timestamptz, timestamptz, timestamptz, timestamptz, bigint, timestamptz) IS
-    'Make partitions ahead, drop what is older than each given time; dropped: rows and partitions.';
+    'Make partitions ahead; drop rows that are older than each given time. dropped: rows and partitions.';
 
 -- Who may execute what is said by sql/roles.sql.
 DO $do$
