@@ -80,6 +80,7 @@ test("two people draw displays", {timeout: 900000}, async () => {
   await button(anna, "Save").click();
   await anna.locator(".picture [data-ref='sensor.1'], .picture .level").first().waitFor();
   assert.deepEqual(readdirSync(process.env.APC_DISPLAYS), ["tank-1.0001.svg"]);
+  assert.equal(await anna.locator(".picture > svg").evaluate(drawing => getComputedStyle(drawing).stroke), "none", "words have an outline");
   await anna.getByRole("link", {name: /^Trend of the last 1 h: y .*, u /}).waitFor();
   await clean(anna, "display");
 
