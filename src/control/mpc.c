@@ -21,7 +21,7 @@ static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
     {"reference_weight", "1", "input reference weight, over the output's scaling", 0.0, 0.0, 1e6},
     {"reference", "u", "input reference: where the output is to be, as far as setpoints leave it free", 0.0,
      -APC_VALUE_MAX, APC_VALUE_MAX},
-    {"cost", "1/u", "of a steady output, per unit; the program looks for the cheapest", 0.0, -1e12, 1e12},
+    {"cost", "1/u", "cost of a steady output, per unit: the law looks for the cheapest", 0.0, -1e12, 1e12},
     {"u_min", "u", "output low limit", -NO_LIMIT, -NO_LIMIT, NO_LIMIT},
     {"u_max", "u", "output high limit", NO_LIMIT, -NO_LIMIT, NO_LIMIT},
     {"du_max", "u/s", "fastest change of the output; 0: any", 0.0, 0.0, NO_LIMIT},

@@ -541,8 +541,8 @@ static void tell_of_loop(struct apc_controller *c, size_t i, apc_ns now, struct 
                             l->move.reason, l->trouble);
     else if (is_out_of_service(before) && l->move.output == APC_PUT_LAW)
         apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED,
-                            before == APC_LOOP_BACKUP ? "the law acts again after %.3f s"
-                                                      : "inputs good again after %.3f s",
+                            before == APC_LOOP_BACKUP ? "the law acts again after %.6g s"
+                                                      : "inputs good again after %.6g s",
                             apc_ns_to_s(now - l->since));
     if (l->move.actual != l->actual || (state == APC_LOOP_SHADOW && before != APC_LOOP_SHADOW))
         apc_controller_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),

@@ -75,14 +75,14 @@ test("a simulated plant is marked on every page, and its speed is told and chang
   for (const page of ["trend", "alarms", "overview"] as const) {
     await show(page);
     assert.equal(said("header .simulation"), "SIMULATION", page);
-    assert.equal(said(".speed-strip .said"), "asked 10×, reached 9.8×", page);
+    assert.equal(said(".speed-strip .said"), "target 10×, reached 9.8×", page);
   }
   assert.equal(said(".speed-strip .plant-time"), "2000-01-01 00:00:12.4");
   assert.match(said("header .clock"), /^00:00:12/);
   assert.equal(button("10×").getAttribute("aria-pressed"), "true");
   assert.equal(button("Step").disabled, true, "a step of what goes on");
   await beat({asked: 1000, reached: 312.5});
-  assert.equal(said(".speed-strip .said"), "asked 1000×, reached 312.5×: this machine is not fast enough");
+  assert.equal(said(".speed-strip .said"), "target 1000×, reached 312.5×: this machine is not fast enough");
   await press("Pause");
   assert.equal(said(".speed-strip .said"), "paused");
   await press("Step");

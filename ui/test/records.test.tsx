@@ -80,7 +80,7 @@ test("log book: what is entered goes once; a handover lists what stands, and is 
   assert.equal(sent.length, 1);
   assert.equal(sent[0]!.sign, true);
   assert.equal(sent[0]!.seen, server.now);
-  assert.match(String(sent[0]!.text), /^read and signed: \d+ alarms open, .* 2 entries$/);
+  assert.match(String(sent[0]!.text), /^read and signed; alarms active or not acknowledged: \d+, .* entries: 2$/);
   env.routes.set("/api/events", route);
 });
 

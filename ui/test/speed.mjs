@@ -78,7 +78,7 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
 
   await press(page, "10×");
   await until("it goes on", async () => (await time(page)) > begin + 5);
-  await until("the speed is told", async () => /^asked 10×, reached [0-9.]+×/.test(await said(page)));
+  await until("the speed is told", async () => /^target 10×, reached [0-9.]+×/.test(await said(page)));
   await press(page, "max");
   await until("it goes far", async () => (await time(page)) > begin + 600);
   await until("as fast as it goes", async () => /^as fast as it goes, reached [0-9.]+×$/.test(await said(page)));

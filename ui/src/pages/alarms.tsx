@@ -292,7 +292,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
           <dd><b>{of.response || tr("alarms.notSaid")}</b></dd>
           <dt>{tr("alarms.condition")}</dt>
           <dd>
-            {known("alarmkind", of.kind)}{of.limit != null && `, ${tr("alarms.limit", {limit: `${exact(of.limit)} ${signal?.unit ?? ""}`})}`}{signal?.description && `, ${signal.description}`}
+            {known("alarmkind", of.kind)}{of.limit != null && `, ${tr("alarms.limit", {limit: `${exact(of.limit)} ${signal?.unit ?? ""}`.trimEnd()})}`}{signal?.description && `, ${signal.description}`}
           </dd>
           <dt>{tr("common.state")}</dt>
           <dd>{[stateWords(of.now.state), since(of), of.now.author].filter(Boolean).join(", ")}</dd>

@@ -51,6 +51,7 @@ export function DiagnosticsPage(): JSX.Element {
       </div>
       <div class="grid two">
         <Panel title={tr("diagnostics.tasks")} head={(["task", "period", "runP99", "runMax", "latenessP99", "jitterMax", "missed", "reported"] as const).map(one => tr(`diagnostics.${one}`))} wide>
+          {d.tasks.length === 0 && <tr><td colSpan={8} class="say">{tr("timing.none")}</td></tr>}
           {d.tasks.map(task => {
             const late = task.age > Math.max(3 * task.period, 5) + 7.5;
             return (

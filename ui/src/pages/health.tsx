@@ -55,7 +55,7 @@ function Judged({seconds, plant: p, children}: {seconds: number; plant: Plant; c
       <div class="toolbar">
         <h1>{tr("page.health")}</h1>
         <span class="say" role="status">
-          {error ? "" : !done ? tr("health.judging", {n: answer?.loops.length ?? 0, all: p.loops.length}) : need > 0 ? tr("health.need", {n: need, all: done.loops.length}) : tr("health.noneNeeds", {n: done.loops.length})}
+          {error ? "" : !done ? tr("health.judging", {n: answer?.loops.length ?? 0, all: p.loops.length}) : tr("health.need", {n: need, all: done.loops.length})}
           {!error && unknown > 0 && `; ${tr("health.notJudged", {n: unknown})}`}
         </span>
         <span class="spring" />

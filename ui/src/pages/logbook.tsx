@@ -136,7 +136,7 @@ function Enter(): JSX.Element {
 }
 
 /** For the record, in English: how things stood when it was signed. */
-const summary = (s: Shift): string => `read and signed: ${s.open.length} alarms open, ${s.masked.length} masked, ${s.loops.length} loops not in Auto or Cas, ${s.taken.length} setpoints Local, ${s.entries.length} entries`;
+const summary = (s: Shift): string => `read and signed; alarms active or not acknowledged: ${s.open.length}, shelved or suppressed: ${s.masked.length}; loops not in Auto or Cas: ${s.loops.length}; setpoints Local: ${s.taken.length}; entries: ${s.entries.length}`;
 
 function Handover(): JSX.Element {
   const barred = useWriteBar();
@@ -155,7 +155,7 @@ function Handover(): JSX.Element {
       <summary><h2>{tr("log.handover")}</h2> <span class="say">{shift.since ? tr("log.since", {who: shift.since.source, time: stamp(shift.since.time, 0)}) : tr("log.never")}</span></summary>
       {error && <p class="complaint">{error}</p>}
       <dl class="pairs">
-        <Part name={tr("log.open", {n: shift.open.length})}>{shift.open.map(one => <li key={one.id}>{one.alarm}: {one.message}{one.now.unacknowledged ? ` (${tr("log.unacknowledged")})` : ""}</li>)}</Part>
+        <Part name={tr("log.open", {n: shift.open.length})}>{shift.open.map(one => <li key={one.id}>{one.alarm}{one.message && `: ${one.message}`}{one.now.unacknowledged ? ` (${tr("log.unacknowledged")})` : ""}</li>)}</Part>
         <Part name={tr("log.masked", {n: shift.masked.length})}>{shift.masked.map(one => <li key={one.id}>{one.alarm}: {known("alarmstate", one.now.state)}{one.now.shelved_until != null ? `, ${tr("log.until", {time: stamp(one.now.shelved_until, 0)})}` : ""}</li>)}</Part>
         <Part name={tr("log.loops", {n: shift.loops.length})}>{shift.loops.map(({loop, modes}) => <li key={loop.id}>{loop.called}: {known("mode", modes.actual ?? "")}{modes.why ? `, ${modes.why}` : ""}</li>)}</Part>
         <Part name={tr("log.taken", {n: shift.taken.length})}>{shift.taken.map(loop => <li key={loop.id}>{loop.called}</li>)}</Part>

@@ -183,13 +183,13 @@ export function Candidates({all, chosen, locked, choose}: {all: Found[]; chosen:
     <>
       <div class="scroll" tabIndex={0} role="region" aria-label={title}>
         <table class="data">
-          <thead><tr><th scope="col">{title}</th><th scope="col" class="number">%</th>{NUMBERS.map(name => <th key={name} scope="col" class="number">{tr(`workbench.${name}`)}</th>)}</tr></thead>
+          <thead><tr><th scope="col">{title}</th><th scope="col" class="number">{tr("workbench.fits")}</th>{NUMBERS.map(name => <th key={name} scope="col" class="number">{tr(`workbench.${name}`)}</th>)}</tr></thead>
           <tbody>
             {all.map(({of, fit, order, time}, i) => (
               <tr key={i}>
                 <th scope="row"><label class="check"><input type="radio" name="candidate" disabled={locked} checked={chosen === of} onChange={() => choose(of)} /> {tr("workbench.order")} {order}, {time}</label></th>
                 <td class="number">{fit == null ? missing : `${exact(Number(fit.toPrecision(3)))} %`}</td>
-                {NUMBERS.map(name => <td key={name} class="number">{of[name] === 0 ? missing : plusMinus(of[name], of.error[name], "")}</td>)}
+                {NUMBERS.map(name => <td key={name} class="number">{of[name] === 0 ? missing : plusMinus(of[name], of.error[name], name === "gain" ? "" : " s")}</td>)}
               </tr>
             ))}
           </tbody>
