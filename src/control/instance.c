@@ -217,8 +217,8 @@ int apc_instances_create(struct apc_instances **instances, const struct apc_law 
         return rc;
     if (!d->nu || (law->accepts && !law->accepts(d)))
         return apc_fail(why, APC_EINVAL,
-                        "law %s does not work with %zu measurements, %zu setpoints, %zu outputs", law->name,
-                        d->ny, d->nz, d->nu);
+                        "law %s does not work with measurements: %zu, setpoints: %zu, outputs: %zu",
+                        law->name, d->ny, d->nz, d->nu);
     rc = apc_law_check_settings(law, setup, why);
     if (rc < 0)
         return rc;

@@ -438,7 +438,7 @@ static int check_lqg_settings(const struct apc_law_setup *setup, struct apc_erro
 
     if (!setup->plant)
         return apc_fail(why, APC_EINVAL,
-                        "law lqg: needs the plant's linear model; an experiment file gives it with "
+                        "law lqg needs the plant's linear model: an experiment file gives it with "
                         "operating_point or model");
     if (dim->nd)
         return apc_fail(why, APC_EINVAL, "law lqg: takes no measured disturbances");

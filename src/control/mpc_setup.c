@@ -337,8 +337,7 @@ static int take_mpc_signals(struct apc_law_mpc *p, const struct apc_law_setup *s
         for (size_t j = 0; setup->u && j < p->dim.nu && rc == 0 && economic; j++) {
             if (!(setup->u[j].high - setup->u[j].low < APC_VALUE_MAX))
                 rc = apc_fail(why, APC_EINVAL,
-                              "setting \"economic\": output %s may be moved without end for a price: give it "
-                              "low and high",
+                              "setting \"economic\" needs limits of output %s: give it low and high",
                               setup->u[j].name);
         }
     }

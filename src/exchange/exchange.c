@@ -75,7 +75,7 @@ int apc_exchange_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns
     int rc;
 
     if (x->begun)
-        return apc_fail(&x->error, APC_EBUSY, "the exchange before has not ended");
+        return apc_fail(&x->error, APC_EBUSY, "the previous exchange has not ended");
     x->refused = x->partly = false;
     rc = x->ops->begin(x, u, deadline);
     x->begun = rc == 0;

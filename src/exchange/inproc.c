@@ -188,7 +188,7 @@ static int take_inproc_options(struct apc_inproc_options *o, const struct apc_in
     if (!o->executive || !o->serve)
         return apc_fail(why, APC_EINVAL, "inproc: executive and serve are required");
     if (!apc_executive_is_virtual(o->executive))
-        return apc_fail(why, APC_EINVAL, "inproc: it runs in virtual time only");
+        return apc_fail(why, APC_EINVAL, "inproc runs in virtual time only");
     o->network.size = sizeof(o->network);
     return 0;
 }

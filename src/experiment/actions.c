@@ -111,7 +111,7 @@ int action_find_mode(const struct experiment *e, const char *name, enum apc_mode
 {
     struct nearest nearest = {.wanted = name};
     if (mode != APC_MODE_MAN && mode != APC_MODE_AUTO && mode != APC_MODE_OOS && mode != APC_MODE_CAS)
-        return apc_fail(why, APC_EINVAL, "mode %s cannot be asked for: it must be OOS, Man, Auto or Cas",
+        return apc_fail(why, APC_EINVAL, "mode %s is no target mode: it must be OOS, Man, Auto or Cas",
                         apc_mode_name((int)mode) ? apc_mode_name((int)mode) : "of that number");
     const struct controller *all = find_action_controller(e, name, &nearest);
     const struct controller_loop loop = all ? (struct controller_loop){all, 0} : find_loop(e, name, &nearest);
@@ -179,7 +179,8 @@ int action_find_owner(const struct experiment *e, const char *name, bool remote,
     action->to = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(tag->id), .value = remote};
     return is_scheduled(e, tag)
                ? 0
-               : apc_fail(why, APC_EINVAL, "nothing else moves %s: it is always Local", tag->name);
+               : apc_fail(why, APC_EINVAL, "%s is always Local: no scheduler and no controller moves it",
+                          tag->name);
 }
 
 /* ---- Doing --------------------------------------------------------------------------------- */
@@ -311,12 +312,12 @@ static const config_setting_t *kind_of_action(struct settings *s, const config_s
         else if (!is_target_name(name, done))
             settings_fail(s, member, "there is no action \"%s\": " POSSIBLE " are possible", name);
         else if (kind)
-            settings_fail(s, member, "one action at a time: \"%s\" and \"%s\"", config_setting_name(kind),
-                          name);
+            settings_fail(s, member, "an action has \"%s\" and \"%s\": make two actions of it",
+                          config_setting_name(kind), name);
         kind = member;
     }
     if (!kind)
-        settings_fail(s, group, "an action has no verb: " POSSIBLE " are possible");
+        settings_fail(s, group, "an action needs one word for what it does: " POSSIBLE " are possible");
     return s->failed ? NULL : kind;
 }
 

@@ -73,7 +73,7 @@ static size_t read_wire_names(struct settings *s, const config_setting_t *group,
                           nearest.name ? "\"?" : "");
         for (size_t k = 0; k < i && !s->failed; k++)
             if (are_same_wires(w[k], w[i]))
-                settings_fail(s, one, "\"%s\" stands twice in \"%s\"", name, list);
+                settings_fail(s, one, "\"%s\" names \"%s\" twice", list, name);
     }
     return n;
 }
@@ -245,9 +245,10 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
                 settings_fail(s, at, "\"%s\" is an output of two controllers, %s and %s", name, first->name,
                               c->name);
             else if (has_wire(c->z, c->dim.nz, c->u[k]))
-                settings_fail(s, at, "\"%s\" is a setpoint of %s and its output as well", name, c->name);
+                settings_fail(s, at, "\"%s\" is both a setpoint and an output of %s: name it in one list",
+                              name, c->name);
             else if (c->u[k].table == APC_SETPOINT && !controllers_taker(e, c->u[k]))
-                settings_fail(s, at, "\"%s\" is a setpoint that no controller has: nobody would take it",
+                settings_fail(s, at, "no controller has \"%s\" in its \"setpoints\": it would have no effect",
                               name);
         }
         for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
@@ -264,7 +265,7 @@ static void check_owned(struct settings *s, const config_setting_t *list, const 
                           e->u[i].tag.name);
     for (size_t i = e->dim.ny; i < e->dim.ny + e->n_signals && !s->failed; i++)
         if (!owner_of_wire(e, (struct wire){APC_SENSOR, i}))
-            settings_fail(s, list, "signal \"%s\" is no controller's output: nobody would calculate it",
+            settings_fail(s, list, "no controller has signal \"%s\" in its \"outputs\": name it in one",
                           e->y[i].tag.name);
 }
 
@@ -659,8 +660,7 @@ static void check_rates(struct settings *s, const config_setting_t *setpoints, c
         if (e->z[i].rate > 0 && !owner_of_wire(e, (struct wire){APC_SETPOINT, i}))
             settings_fail(
                 s, config_setting_get_elem(setpoints, (unsigned)i),
-                "\"rate\" of setpoint \"%s\": no controller moves it, so nobody keeps to a rate; law "
-                "\"ramp\" does",
+                "\"rate\" of setpoint \"%s\" has no effect, since no controller moves it: use law \"ramp\"",
                 e->z[i].tag.name);
 }
 
@@ -671,7 +671,8 @@ const config_setting_t *experiment_read_controllers(struct settings *s, const co
     const config_setting_t *group = settings_group(s, root, "controller", list ? OPTIONAL : REQUIRED);
     if (list && group)
         settings_fail(s, group,
-                      "\"controller\" is the short form of one in \"controllers\": only one of the two");
+                      "the file has \"controller\" and \"controllers\": write one controller as "
+                      "\"controller\", several as \"controllers\"");
     if (s->failed)
         return NULL;
     if (list)

@@ -260,7 +260,7 @@ static void read_plant_model(struct settings *s, const config_setting_t *group, 
     if (model->ny != e->dim.ny || model->nu != e->dim.nu) {
         settings_fail(
             s, group,
-            "model %s has %zu outputs and %zu inputs; the file names %zu measurements and %zu outputs",
+            "model %s has outputs: %zu, inputs: %zu; the file names measurements: %zu, outputs: %zu",
             model->name, model->ny, model->nu, e->dim.ny, e->dim.nu);
         return;
     }
@@ -286,7 +286,8 @@ static void check_language(struct settings *s, const config_setting_t *group, st
         memcpy(e->plant.listen, e->client.link, sizeof e->plant.listen);
     else if (!s->failed && strncmp(e->plant.listen, e->client.link, scheme) != 0)
         settings_fail(s, listen,
-                      "\"listen\" is \"%s\" and \"link\" of the client \"%s\": one language for both",
+                      "\"listen\" is \"%s\" and \"link\" of the client \"%s\": both must begin alike, with "
+                      "one protocol",
                       e->plant.listen, e->client.link);
 }
 
@@ -298,14 +299,14 @@ static void check_lab(struct settings *s, const config_setting_t *group, const s
         return;
     if (e->dim.nu > 2 || e->dim.ny > 2)
         settings_fail(s, link,
-                      "at a serial port is a temperature control lab: two heaters and two sensors at most");
+                      "a serial port connects a temperature control lab: it has two heaters and two sensors, "
+                      "the file names more");
     for (size_t i = 0; i < e->dim.nu && !s->failed; i++)
         if (!(e->u[i].tag.low >= 0 && e->u[i].tag.high <= 100))
-            settings_fail(
-                s, link,
-                "output \"%s\" may be %.15g to %.15g: a heater of a temperature control lab takes 0 to "
-                "100 %%; give it \"low\" and \"high\" within",
-                e->u[i].tag.name, e->u[i].tag.low, e->u[i].tag.high);
+            settings_fail(s, link,
+                          "output \"%s\" has the limits %.15g to %.15g: a heater of a temperature control "
+                          "lab takes 0 to 100 %%; give it \"low\" and \"high\" within",
+                          e->u[i].tag.name, e->u[i].tag.low, e->u[i].tag.high);
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
@@ -333,7 +334,7 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
     experiment_read_clients(s, group, e);
     if (external && config_setting_get_member(group, "listen"))
         settings_fail(s, config_setting_get_member(group, "listen"),
-                      "\"listen\" of an external plant: where it is, is said by \"link\" of the client");
+                      "an external plant has no \"listen\": its address is \"link\" of the client");
     if (resolve_model && (e->plant.name[0] || override))
         read_plant_model(s, group, e, override, record);
     else if (wanted && !e->plant.name[0])
@@ -427,7 +428,7 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
                     &why))
         return;
     if (c->law->accepts && !c->law->accepts(&c->dim))
-        settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
+        settings_fail(s, group, "law %s does not work with measurements: %zu, setpoints: %zu, outputs: %zu",
                       c->law->name, c->dim.ny, c->dim.nz, c->dim.nu);
     else {
         if (!c->plugin.chosen)
@@ -665,7 +666,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     settings_name(s, root, e->name, sizeof e->name);
     if (!s->failed && (strchr(e->name, '/') || e->name[0] == '.'))
         settings_fail(s, config_setting_get_member(root, "name"),
-                      "\"name\" is \"%s\": it names a folder, so it has no / and does not begin with a dot",
+                      "\"name\" is \"%s\": must have no / and no dot in front, since a folder gets this name",
                       e->name);
     snprintf(e->title, sizeof e->title, "%s", e->name);
     settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);

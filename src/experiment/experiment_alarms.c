@@ -136,7 +136,7 @@ static void read_suppression(struct settings *s, const config_setting_t *of, con
     if (!s->failed && (alarm == signal || (below || above) != signal))
         settings_fail(
             s, group,
-            "\"suppress\" is by a signal or an alarm: { signal = \"v1\"; below = 0.5; } or { alarm = "
+            "\"suppress\" needs a signal or an alarm: { signal = \"v1\"; below = 0.5; } or { alarm = "
             "\"y1.bad\"; }");
     if (!signal || s->failed)
         return;
@@ -175,7 +175,7 @@ static void read_alarm_signal(struct settings *s, const config_setting_t *group,
     if (a->table == APC_SENSOR)
         a->horizon = module_horizon(o->e, o->wire);
     if (a->kind == APC_ALARM_AT_LIMIT && a->low <= -APC_VALUE_MAX && a->high >= APC_VALUE_MAX)
-        settings_fail(s, group, "%s has no limits that it could be at", o->tag.name);
+        settings_fail(s, group, "%s has no limits to be at: give it \"low\" or \"high\"", o->tag.name);
     if (a->kind != APC_ALARM_MODE)
         return;
     const struct controller_loop loop = controllers_above(o->e, o->wire);
@@ -209,7 +209,8 @@ static void read_limit(struct settings *s, const config_setting_t *group, const 
         a->other_table = from ? from->table : (enum apc_table)0;
         a->other = from ? from->id : 0;
     } else if (!s->failed && config_setting_get_member(group, "from")) {
-        settings_fail(s, config_setting_get_member(group, "from"), "\"from\" is of a deviation only");
+        settings_fail(s, config_setting_get_member(group, "from"),
+                      "only an alarm of kind \"deviation\" has \"from\": leave it out");
     }
     settings_number(s, group, "deadband", OPTIONAL, 0, APC_VALUE_MAX, &a->deadband);
     check_deadband(s, group, a, &o->tag);

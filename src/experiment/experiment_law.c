@@ -166,8 +166,8 @@ static size_t *match_disturbances(struct settings *s, const config_setting_t *at
         if (match[k] == m->nd)
             settings_fail(
                 s, at,
-                "\"operating_point\": plant %s has no disturbance \"%s\", so how what is measured acts "
-                "on it is not known: a file with a \"model\" can say",
+                "\"operating_point\": plant %s has no disturbance \"%s\", whose effect is not known: give a "
+                "\"model\" instead",
                 m->name, name);
     }
     return match;
@@ -264,8 +264,8 @@ static void read_operating_point(struct settings *s, const config_setting_t *gro
     if (!s->failed && !controllers_has_all(e, c, has_lower(c)))
         settings_fail(
             s, at,
-            "\"operating_point\": the plant's linear model is of all its measurements and outputs, in "
-            "their order, which controller %s has not",
+            "\"operating_point\" needs a controller of all measurements and outputs, in their order: give "
+            "%s a \"model\" instead",
             c->name);
     if (!s->failed)
         experiment_read_believed(s, at, e, c);
@@ -302,7 +302,8 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
         struct apc_param *param = &c->param[j];
         settings_numbers(s, member, 2, limit);
         if (!s->failed && !(limit[0] >= param->low && limit[0] <= limit[1] && limit[1] <= param->high))
-            settings_fail(s, member, "limits of %s must rise and lie within the law's own, %.15g to %.15g",
+            settings_fail(s, member,
+                          "\"limits\" of %s must rise and lie within those of the law, %.15g to %.15g",
                           param->name, param->low, param->high);
         param->low = limit[0];
         param->high = limit[1];

@@ -101,7 +101,7 @@ static void read_code(struct settings *s, const config_setting_t *code, struct a
     uint64_t *bits = &p->no_value[p->n_no_value];
     memcpy(&half, &single, sizeof half);
     if (p->type == APC_MODBUS_BIT || p->type == APC_MODBUS_FLAG)
-        settings_fail(s, code, "\"no_value\": a bit is 0 or 1, and has no third");
+        settings_fail(s, code, "\"no_value\" needs a register: each value of a bit, 0 or 1, is valid");
     else if (p->n_no_value == APC_MODBUS_CODES)
         settings_fail(s, code, "\"no_value\" has %d codes at most", APC_MODBUS_CODES);
     else if (!(whole || (is_float && type == CONFIG_TYPE_FLOAT)) ||
@@ -129,7 +129,7 @@ static void read_codes(struct settings *s, const config_setting_t *entry, bool w
     if (!code || s->failed)
         return;
     if (written)
-        settings_fail(s, code, "\"no_value\" is of a measurement: an output always has a value");
+        settings_fail(s, code, "an output has no \"no_value\", only a measurement: leave it out");
     if (!config_setting_is_aggregate(code))
         read_code(s, code, p);
     for (int i = 0; config_setting_is_aggregate(code) && i < config_setting_length(code) && !s->failed; i++)
@@ -191,7 +191,7 @@ static struct apc_modbus_point *point_of_entry(struct settings *s, const config_
         return NULL;
     struct apc_modbus_point *p = *written ? &e->client.points[u] : &e->client.points[e->dim.nu + y];
     if (p->area)
-        settings_fail(s, at, "\"%s\" has its place already", name);
+        settings_fail(s, at, "the map names \"%s\" twice: leave one out", name);
     p->safe = *written ? e->u[u].safe : 0;
     return p;
 }
@@ -207,7 +207,8 @@ static void check_range(struct settings *s, const config_setting_t *entry, const
     if (!s->failed && ((!apc_modbus_fits(p, of->low) && (written || of->low > -APC_VALUE_MAX)) ||
                        (!apc_modbus_fits(p, of->high) && (written || of->high < APC_VALUE_MAX))))
         settings_fail(s, entry,
-                      "%s \"%s\" may be %.15g to %.15g: its %s cannot; give it \"low\" and \"high\" that fit",
+                      "%s \"%s\" has the limits %.15g to %.15g, which %s cannot hold: give it \"low\" and "
+                      "\"high\" that fit",
                       written ? "output" : "measurement", of->name, of->low, of->high, types[p->type]);
 }
 
@@ -232,7 +233,8 @@ static void read_watchdog(struct settings *s, const config_setting_t *entry, str
     struct apc_modbus_point *watchdogs = e->client.points + e->dim.nu + e->dim.ny + 2;
 
     if (at && !written)
-        settings_fail(s, at, "\"watchdog\" is of an output: it counts how often that was written");
+        settings_fail(s, at,
+                      "a measurement has no \"watchdog\", which counts writes of an output: leave it out");
     else if (at && read_sign(s, entry, "watchdog", true, &watchdogs[i])) {
         watchdogs[i].unit = e->client.points[i].unit;
         watchdogs[i].low_byte_first = e->client.points[i].low_byte_first;
@@ -294,8 +296,8 @@ static void check_requests(struct settings *s, const config_setting_t *group,
         const unsigned width = apc_modbus_registers(p->type);
         if (o->block > 0 && width > o->block)
             settings_fail(s, config_setting_get_member(group, "block"),
-                          "\"block\" is %u: \"%s\" has %u registers, which go in one request", o->block, name,
-                          width);
+                          "\"block\" is %u: must be at least %u, the registers of \"%s\"", o->block, width,
+                          name);
         else if (output && o->write_single && width > 1)
             settings_fail(
                 s, config_setting_get_member(group, "write_single"),
@@ -398,5 +400,5 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
     if (o->life)
         settings_period(s, group, "life_limit", REQUIRED, &o->life_limit);
     else if (config_setting_get_member(group, "life_limit"))
-        settings_fail(s, group, "\"life_limit\" is of \"life\", which is not given");
+        settings_fail(s, group, "\"life_limit\" needs \"life\", which is missing");
 }

@@ -218,7 +218,7 @@ static int read_fault_time(struct settings *s, const config_setting_t *group, co
     settings_flag(s, group, "instructor", &waits);
     when[0] = seconds(s, group, "at", waits ? OPTIONAL : REQUIRED);
     if (waits && config_setting_get_member(group, "at"))
-        settings_fail(s, group, "it has both \"at\" and \"instructor\": one of them says when it begins");
+        settings_fail(s, group, "a fault has \"at\" and \"instructor\": give one of them");
     if (waits)
         when[0] = FAULT_NEVER;
     when[1] = seconds(s, group, "duration", OPTIONAL);

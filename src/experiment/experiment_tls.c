@@ -20,7 +20,7 @@ void experiment_read_identity(struct settings *s, const config_setting_t *group,
 
     settings_text(s, group, "identity", OPTIONAL, name, sizeof name);
     if (identity && !s->failed && !experiment_is_tls(address))
-        settings_fail(s, identity, "\"identity\" is of a link tls:HOST:PORT; this one is \"%s\"", address);
+        settings_fail(s, identity, "\"identity\" needs a link tls:HOST:PORT; this one is \"%s\"", address);
     if (*name)
         experiment_resolve(s, name, path, EXPERIMENT_PATH);
 }

@@ -95,8 +95,8 @@ static void read_matrix(const struct model *m, const config_setting_t *group, co
     const config_setting_t *list = settings_list(m->s, group, name, REQUIRED);
 
     if (list && config_setting_length(list) != (int)rows)
-        settings_fail(m->s, list, "\"%s\" has %d rows: expected %zu of %zu numbers", name,
-                      config_setting_length(list), rows, columns);
+        settings_fail(m->s, list, "\"%s\" must have %zu x %zu numbers; rows: %d", name, rows, columns,
+                      config_setting_length(list));
     for (size_t i = 0; list && i < rows && !m->s->failed; i++)
         settings_numbers(m->s, config_setting_get_elem(list, (unsigned)i), columns, to + i * columns);
 }
@@ -160,7 +160,7 @@ static void read_pair(const struct model *m, const config_setting_t *group, stru
     const size_t at = i * m->input.n + j;
     struct apc_transfer *g = &all[at];
     if (!s->failed && there[at])
-        settings_fail(s, group, "from %s to %s there is one already", from, to);
+        settings_fail(s, group, "\"transfer\" leads twice from %s to %s: leave one out", from, to);
     there[at] = true;
     settings_number(s, group, "gain", REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, &g->gain);
     settings_number(s, group, "zero", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &g->zero);
@@ -177,7 +177,7 @@ static void read_pair(const struct model *m, const config_setting_t *group, stru
         settings_numbers(s, tau, (size_t)n, g->tau);
     for (int k = 0; k < n && !s->failed; k++)
         if (!(g->tau[k] > 0.0))
-            settings_fail(s, tau, "\"tau\" has %.15g: a time constant is above 0", g->tau[k]);
+            settings_fail(s, tau, "\"tau\" has %.15g: time constants must be above 0", g->tau[k]);
 }
 
 void model_read_transfer(const struct model *m, const config_setting_t *list, struct apc_transfer *g)
@@ -214,9 +214,10 @@ static void read_filter(const struct model *m, const config_setting_t *group, st
 
     if (!K != !error)
         settings_fail(m->s, K ? K : error,
-                      "\"K\" and \"error\", how far y is from what it makes expected, go together");
+                      "\"K\" needs \"error\", the standard deviations of the prediction errors, and "
+                      "\"error\" needs \"K\"");
     if (K && !config_setting_get_member(group, "period"))
-        settings_fail(m->s, K, "\"K\" is that of a sampled model: \"period\" is missing");
+        settings_fail(m->s, K, "\"K\" needs a sampled model: \"period\" is missing");
     if (!K || m->s->failed)
         return;
     read_matrix(m, group, "K", p->rows, m->output.n, p->K);

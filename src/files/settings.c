@@ -244,7 +244,7 @@ static int strip(const char *file, char *text, struct apc_error *why)
         const bool comment = (end = end_of_comment(c)) != NULL;
         if (*c == '@')
             return apc_fail(why, APC_EINVAL,
-                            "%s:%d: @include is not taken: an experiment is one file, which is "
+                            "%s:%d: @include is not allowed: an experiment is one file, which is "
                             "kept with its runs",
                             file, line);
         const size_t n = strspn(c, word);
@@ -468,8 +468,8 @@ void settings_name(struct settings *s, const config_setting_t *in, char *value, 
     else if (!s->failed && (*value == '-' || strchr(value, '=') || is_address(value)))
         settings_fail(
             s, config_setting_get_member(in, "name"),
-            "\"name\" is \"%s\", which a command line takes for something else: it must not begin with -, "
-            "have a =, or be a TABLE.ID such as sensor.1",
+            "\"name\" is \"%s\": must not begin with -, have a = or be a TABLE.ID such as sensor.1, since a "
+            "command would take it for something else",
             value);
 }
 

@@ -87,7 +87,7 @@ no 1 '"outputs" names "y" twice' twice.model
 echo 'inputs = ["u"]; outputs = ["y"]; transfer = ( { from = "v"; to = "y"; gain = 1.0; } );' >other.model
 no 1 'other.model:1: "v" is no input of this model' other.model
 echo 'state_space = { A = ( [1.0, 0.0], [0.0, 1.0] ); B = ( [1.0] ); C = ( [1.0, 1.0] ); };' >short.model
-no 1 '"B" has 1 rows: expected 2 of 1 numbers' short.model
+no 1 '"B" must have 2 x 1 numbers; rows: 1' short.model
 head -c 400 /dev/urandom >noise.model
 no 1 'noise.model' noise.model
 

@@ -97,7 +97,7 @@ change 's/Kp = 0.2/Kq = 0.2/' '"Kq".*"Kp"'
 change 's|link = "tcp:|link = "tcp://|' '"link"'
 change '/^scheduler/,$s/};//' 'ends within a group'
 # Promise(experiment/16-mib-text)
-change '1i @include "other.conf"' '@include is not taken'
+change '1i @include "other.conf"' '@include is not allowed'
 change 's/\[10.0\]/[1000.0]/' 'setpoint r = 1000'
 for option in law plant; do
   expect 1 "^apc run: --$option: .*magic" "$apc" run "$good" --$option magic --out "$work/never"

@@ -19,7 +19,7 @@ cmp "$work/registers.csv" "$work/fast.csv" || fail "virtual time depends on the 
 
 # one that is served in one language and asked in another is refused when the file is read
 sed "s|^plant = {|plant = { listen = \"tcp:127.0.0.1:$port\";|" "$work/registers.conf" >"$work/babel.conf"
-expect 1 'one language for both' "$apc" simulate "$work/babel.conf"
+expect 1 'both must begin alike' "$apc" simulate "$work/babel.conf"
 expect 2 'requires an argument' "$APC_BIN/apc-plant" --config "$work/fast.conf" --modbus
 
 # a stranger controls it, is refused what must not be, and when he is silent the plant goes to its safe value

@@ -75,7 +75,7 @@ expect 1 'the identity of this program is missing: give --identity FILE' env -u 
 expect 1 'the names of the clients that may connect' "$APC_BIN/apc-plant" --config "$APC_SOURCE_DIR/experiments/first-order.conf" \
   --listen "tls:127.0.0.1:$port" --identity "$work/certs/plant.pem"
 expect 1 'identity "/nowhere" cannot be read: No such file' "$APC_BIN/apc-plant" --config "$work/fast.conf" --identity /nowhere
-expect 1 'is of a link tls:HOST:PORT' "$apc" simulate <(sed 's|link = "tls:|link = "tcp:|' "$work/fast.conf")
+expect 1 'needs a link tls:HOST:PORT' "$apc" simulate <(sed 's|link = "tls:|link = "tcp:|' "$work/fast.conf")
 expect 1 'must be names in double quotes' "$apc" simulate <(sed 's|clients = \["client"\]|clients = [1]|' "$work/fast.conf")
 background plant2 "$APC_BIN/apc-plant" --config "$work/fast.conf" --client stranger
 plant=$pid
