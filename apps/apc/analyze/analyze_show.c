@@ -144,7 +144,7 @@ static void show_poles(const struct loop_analysis *z)
 {
     const double T = apc_ns_to_s(z->l.setup.period);
     int shown = 0;
-    printf("\npoles over %.5g s, the slowest first; %zu states\n", T, z->states);
+    printf("\npoles, sampled each %.5g s, the slowest first; states: %zu\n", T, z->states);
     for (size_t i = 0; i < z->states && shown < POLES; i++) {
         const double re = z->pole_re[i], im = z->pole_im[i], size = apc_hypot(re, im);
         const double decay = apc_log(size) / T, turn = apc_atan2(im, re) / T;

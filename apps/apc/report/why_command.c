@@ -118,7 +118,7 @@ static int print_causes(const struct why *w, FILE *out)
     const struct {
         const char *what, *of;
         double effect;
-    } rest[] = {{"(none of them)", "the loop goes on", w->earlier},
+    } rest[] = {{"(no new input)", "the loop goes on", w->earlier},
                 {"(together)", "not one alone", w->together}};
     for (size_t i = 0; i < sizeof rest / sizeof *rest; i++) {
         if (!has_effect(w, rest[i].effect))

@@ -245,10 +245,11 @@ static int check_same_signals(const struct experiment *e, const char *dir, FILE 
 
 static int print_comparison(const struct comparison *z, bool unchanged, FILE *out)
 {
-    static const struct print_column columns[] = {{"", PRINT_LEFT},           {"recorded", PRINT_RIGHT},
-                                                  {"simulated", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
-                                                  {"at most", PRINT_POINT},   {"% of step", PRINT_POINT},
-                                                  {"at s", PRINT_POINT}};
+    static const struct print_column columns[] = {
+        {"", PRINT_LEFT},           {"recorded", PRINT_RIGHT},
+        {"simulated", PRINT_RIGHT}, {"mean difference", PRINT_POINT},
+        {"largest", PRINT_POINT},   {"% of step", PRINT_POINT},
+        {"at s", PRINT_POINT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < z->n; i++)

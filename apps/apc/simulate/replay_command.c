@@ -183,9 +183,9 @@ static void put_output_difference(struct print_table *table, const char *name,
 /* Of a season, or of the run. */
 static int print_differences(const struct replay_command *c, const struct season *season)
 {
-    static const struct print_column columns[] = {{"", PRINT_LEFT},          {"ticks", PRINT_RIGHT},
-                                                  {"the same", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
-                                                  {"at most", PRINT_POINT},  {"% of span", PRINT_POINT},
+    static const struct print_column columns[] = {{"", PRINT_LEFT},         {"ticks", PRINT_RIGHT},
+                                                  {"equal", PRINT_RIGHT},   {"mean difference", PRINT_POINT},
+                                                  {"largest", PRINT_POINT}, {"% of span", PRINT_POINT},
                                                   {"at s", PRINT_POINT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
