@@ -7,6 +7,7 @@ import {cp, mkdir, readFile, rm, writeFile} from "node:fs/promises";
 import path from "node:path";
 import {fileURLToPath} from "node:url";
 import {texts} from "./texts.mjs";
+import {uplot} from "./uplot.mjs";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
 const out = path.resolve(process.argv[2] ?? path.join(here, "../build/share/apc/ui"));
@@ -25,7 +26,7 @@ const result = await build({
   inject: ["preact"],
   tsconfigRaw: {compilerOptions: {target: "es2021"}}, // that of the folder would have it otherwise
   legalComments: "none",
-  plugins: [await texts()],
+  plugins: [await texts(), uplot],
   metafile: true,
   write: false,
 });
