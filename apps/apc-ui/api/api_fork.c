@@ -192,8 +192,12 @@ void post_fork(struct ui *ui, struct request *r, struct apc_store *store)
     json_decref(body);
     if (!ok)
         return;
-    const int rc = model_simulated(&ui->model, store, &clock, &why);
-    if (rc <= 0 || !dir)
+    int rc = model_simulated(&ui->model, store, &clock, &why);
+    if (rc > 0 && clock.rewind > 0)
+        rc = apc_fail(&why, APC_ESTATE, "the plant is being rewound: do this again when that is done");
+    if (rc == APC_ESTATE)
+        fault_set(&r->fault, 409, "simulation", NULL, "%.200s", why.text);
+    else if (rc <= 0 || !dir)
         fault_set(&r->fault, 409, "simulation", NULL,
                   "only beside a plant of `apc run --speed` that goes on, on its own page, is a second run "
                   "started");
