@@ -330,6 +330,7 @@ wait $pid || true
 ! grep -q 'setpoint\|opmode' "$work/repeats/written.csv" || fail "what was is another one: $(cat "$work/repeats/written.csv")"
 # Promise(run/rewind-exact): To which tick a simulated run goes back does not matter, whatever law controls it: the rest of it is that
 #   of the run that went on.
+export PYTHONPATH=$APC_SOURCE_DIR/python/src PYTHONDONTWRITEBYTECODE=1
 RANDOM=40
 # rest WRITTEN FROM NAME FILE OPTION...: a run of FILE, with a setpoint that somebody wrote at one time, gone on with at a later one
 rest() {
@@ -345,7 +346,8 @@ rest() {
 }
 rested=()
 for law in 'pi first-order' 'pid four-tank' 'lqg quadruple-tank-nonminimum' 'mpc quadruple-tank-mpc' 'nmpc adiabatic-cstr-nmpc' \
-  'cascade double-tank' "own first-order --law $APC_BUILD_DIR/examples/mylaw.so"; do
+  'cascade double-tank' 'override double-tank-override' "own first-order --law $APC_BUILD_DIR/examples/mylaw.so" \
+  "python first-order --law $APC_SOURCE_DIR/examples/python/mylaw.py"; do
   # shellcheck disable=SC2086
   written=$((RANDOM % 50))
   rest $written.$RANDOM $((written + 1 + RANDOM % (58 - written))).$RANDOM $law &
