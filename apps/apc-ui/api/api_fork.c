@@ -17,8 +17,8 @@
 #include "apc-ui/api/api.h"
 #include "simulation/simulation.h"
 
-#define FORKS    4  /* at once */
-#define MOST     99 /* of one run */
+#define FORKS    4                  /* at once */
+#define MOST     99                 /* of one run */
 #define PATIENCE (8 * APC_NS_PER_S) /* the page waits for 10 */
 
 extern char **environ;
