@@ -57,8 +57,9 @@ struct watch {
     double service, at[2], in[APC_MODE_LO + 1], stopped; /* s */
     double iae;                                          /* NAN: never known */
     struct spread with, without;
-    double measurement;      /* NAN: none yet */
-    struct stretch *stretch; /* NULL: health is not asked for */
+    double measurement;     /* NAN: none yet */
+    struct stretch stretch; /* empty unless health is asked for */
+    bool health;            /* it is */
 };
 
 static bool serves(const struct watch *w, apc_ns t)
@@ -95,19 +96,19 @@ static void count_until(struct watch *w, apc_ns to)
         w->t = to;
 }
 
-static void stretch_row(const struct watch *w, const struct apc_sample *s)
+static void stretch_row(struct watch *w, const struct apc_sample *s)
 {
     const struct loops_loop *l = w->loop;
     if (s->time < w->from || s->time >= w->until)
         return;
     if (s->table == APC_SENSOR && s->id == l->measurement && !isnan(w->measurement))
-        stretch_measured(w->stretch, w->measurement);
+        stretch_measured(&w->stretch, w->measurement);
     if (s->table != l->table || s->id != l->output)
         return;
     if (serves(w, s->time) && !isnan(w->measurement) && !isnan(w->setpoint))
-        stretch_tick(w->stretch, s->time, w->measurement, w->setpoint, s->value);
+        stretch_tick(&w->stretch, s->time, w->measurement, w->setpoint, s->value);
     else
-        stretch_break(w->stretch);
+        stretch_break(&w->stretch);
 }
 
 static void take_loop_row(struct watch *w, const struct apc_sample *s)
@@ -134,20 +135,57 @@ static void take_loop_row(struct watch *w, const struct apc_sample *s)
         w->measurement = apc_status_severity(s->status) == APC_SEVERITY_BAD ? none : s->value;
         w->known_until = s->time + w->hold;
     }
-    if (w->stretch)
+    if (w->health)
         stretch_row(w, s);
 }
 
+/* A variable that a loop has rows of. */
+struct watched {
+    enum apc_table table;
+    int id;
+    struct watch *by;
+};
+
+static int by_watched(const void *left, const void *right)
+{
+    const struct watched *a = left, *b = right;
+    if (a->table != b->table)
+        return a->table < b->table ? -1 : 1;
+    return (a->id > b->id) - (a->id < b->id);
+}
+
+static size_t watch_variables(struct watched *to, struct watch *w)
+{
+    const struct loops_loop *l = w->loop;
+    const struct watched of[] = {{APC_ACTUAL, apc_variable_number(APC_OPMODE, l->id), w},
+                                 {APC_SENSOR, l->measurement, w},
+                                 {APC_SETPOINT, l->setpoint, w},
+                                 {l->table, l->output, w}};
+    const bool own = by_watched(&of[3], &of[1]) != 0 && by_watched(&of[3], &of[2]) != 0;
+    memcpy(to, of, sizeof of);
+    return own ? 4 : 3;
+}
+
+static void take_watched_row(const struct watched *of, size_t n, const struct apc_sample *s)
+{
+    const struct watched wanted = {s->table, s->id, NULL};
+    const struct watched *at = bsearch(&wanted, of, n, sizeof *of, by_watched);
+    while (at && at > of && by_watched(&at[-1], &wanted) == 0)
+        at--;
+    for (; at && at < of + n && by_watched(at, &wanted) == 0; at++)
+        take_loop_row(at->by, s);
+}
+
 /* Both lists by time; what was operated first. */
-static void pass_loop_rows(struct watch *w, const struct samples *process, const struct samples *operation)
+static void pass_rows(const struct watched *of, size_t n, const struct samples *process,
+                      const struct samples *operation)
 {
     size_t i = 0, k = 0;
     while (i < process->n || k < operation->n) {
         const bool second =
             i == process->n || (k < operation->n && operation->at[k].time <= process->at[i].time);
-        take_loop_row(w, second ? &operation->at[k++] : &process->at[i++]);
+        take_watched_row(of, n, second ? &operation->at[k++] : &process->at[i++]);
     }
-    count_until(w, w->until);
 }
 
 static struct kpis_loop kpis_of_loop(const struct watch *w)
@@ -183,40 +221,62 @@ static apc_ns measurement_period(const struct apc_tag *measurement, apc_ns tick)
     return period > tick ? period : tick;
 }
 
-static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, size_t i)
+static const struct apc_tag *loop_measurement(const struct kpis_source *s, const struct loops_loop *loop)
 {
-    const struct loops_loop *const loop = &s->loops->at[i];
-    const apc_ns period = s->loops->controller[loop->controller].period;
     const struct plant_view plant = {s->tag, s->n_tags, s->loops};
-    const struct apc_tag *measurement = plant_tag(&plant, APC_SENSOR, loop->measurement);
-    struct stretch stretch = {.period = period, .follows = loop->above >= 0};
-    struct watch w = {.loop = loop,
-                      .from = s->from,
-                      .until = s->until,
-                      .t = s->from,
-                      .period = period,
-                      .patience = row_patience(period),
-                      .hold = row_patience(measurement_period(measurement, period)),
-                      .iae = none,
-                      .setpoint = none,
-                      .measurement = none,
-                      .stretch = s->horizon ? &stretch : NULL};
-    pass_loop_rows(&w, s->process, s->operation);
-    *to = kpis_of_loop(&w);
-    if (measurement)
-        memcpy(to->measurement, measurement->name, sizeof to->measurement);
-    return s->horizon ? stretch_judge(&stretch, to->low + to->high, *s->horizon, &to->health) : 0;
+    return plant_tag(&plant, APC_SENSOR, loop->measurement);
 }
 
-static int judge_loops(struct kpis *m, const struct kpis_source *s)
+static struct watch watch_of_loop(const struct kpis_source *s, const struct loops_loop *loop)
 {
-    int rc = 0;
-    m->loop = calloc(s->loops->n + 1, sizeof *m->loop);
-    while (m->loop && m->n_loops < s->loops->n && rc == 0) {
-        rc = judge_loop(&m->loop[m->n_loops], s, m->n_loops);
-        m->n_loops++;
+    const apc_ns period = s->loops->controller[loop->controller].period;
+    return (struct watch){.loop = loop,
+                          .from = s->from,
+                          .until = s->until,
+                          .t = s->from,
+                          .period = period,
+                          .patience = row_patience(period),
+                          .hold = row_patience(measurement_period(loop_measurement(s, loop), period)),
+                          .iae = none,
+                          .setpoint = none,
+                          .measurement = none,
+                          .stretch = {.period = period, .follows = loop->above >= 0},
+                          .health = s->horizon};
+}
+
+static int judge_loop(struct kpis_loop *to, const struct kpis_source *s, struct watch *w)
+{
+    const struct apc_tag *measurement = loop_measurement(s, w->loop);
+    count_until(w, w->until);
+    *to = kpis_of_loop(w);
+    if (measurement)
+        memcpy(to->measurement, measurement->name, sizeof to->measurement);
+    return s->horizon ? stretch_judge(&w->stretch, to->low + to->high, *s->horizon, &to->health) : 0;
+}
+
+/* The @p n loops from @p first on. Each row goes to those that it is of: the time is that of the rows,
+ * however many loops there are. */
+static int judge_loops(struct kpis_loop *to, const struct kpis_source *s, size_t first, size_t n)
+{
+    struct watch *w = calloc(n + 1, sizeof *w);
+    struct watched *of = calloc(4 * n + 1, sizeof *of);
+    size_t variables = 0;
+    int rc = w && of ? 0 : APC_ENOMEM;
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        w[i] = watch_of_loop(s, &s->loops->at[first + i]);
+        variables += watch_variables(&of[variables], &w[i]);
     }
-    return m->loop ? rc : APC_ENOMEM;
+    if (rc == 0) {
+        qsort(of, variables, sizeof *of, by_watched);
+        pass_rows(of, variables, s->process, s->operation);
+    }
+    for (size_t i = 0; i < n && w && of; i++) {
+        const int judged = judge_loop(&to[i], s, &w[i]);
+        rc = rc < 0 ? rc : judged;
+    }
+    free(of);
+    free(w);
+    return rc;
 }
 
 /* ---- Predictions -------------------------------------------------------------------------- */
@@ -370,8 +430,10 @@ static int judge_published(struct kpis *m, const struct kpis_source *s)
 
 int kpis_make(struct kpis *m, const struct kpis_source *source)
 {
-    *m = (struct kpis){.from = source->from, .until = source->until};
-    const int rc = judge_loops(m, source);
+    *m = (struct kpis){
+        .from = source->from, .until = source->until, .loop = calloc(source->loops->n + 1, sizeof *m->loop)};
+    const int rc = m->loop ? judge_loops(m->loop, source, 0, source->loops->n) : APC_ENOMEM;
+    m->n_loops = rc == 0 ? source->loops->n : 0;
     return rc == 0 && source->published ? judge_published(m, source) : rc;
 }
 
@@ -500,7 +562,7 @@ static int judge_loop_of_store(struct kpis_loop *to, struct kpis_source s, size_
     if (rc == 0 && !clip_to_record(&s))
         s.from = s.until;
     if (rc == 0)
-        rc = judge_loop(to, &s, i);
+        rc = judge_loops(to, &s, i, 1);
     samples_free(&operation);
     samples_free(&process);
     return rc;

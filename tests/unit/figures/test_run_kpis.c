@@ -161,6 +161,58 @@ static void deviations_with_and_without_service_are_those_by_hand(void **state)
     assert_true(m.loop[0].with > 0 && isnan(m.loop[0].benefit));
 }
 
+#define MANY 30
+
+/* Of loop @p i, or of all: two share a setpoint. */
+static void record_many(int i)
+{
+    process.n = operation.n = 0;
+    for (int k = 0; k < MANY; k++)
+        if (i < 0 || i == k)
+            row(&operation, 0, APC_ACTUAL, apc_variable_number(APC_OPMODE, k + 1), APC_GOOD, APC_MODE_AUTO);
+    for (int t = 0; t < 100; t++)
+        for (int k = 0; k < MANY; k++) {
+            if (k % 2 == 0 && (i < 0 || i / 2 == k / 2))
+                row(&process, t + 0.01 * k, APC_SETPOINT, k / 2 + 1, APC_GOOD, t / 7.0 + k);
+            if (i >= 0 && i != k)
+                continue;
+            row(&process, t + 0.01 * k + 0.003, APC_SENSOR, k + 1, APC_GOOD, t / 7.1 + k);
+            row(&process, t + 0.01 * k + 0.007, APC_ACTUATOR, k + 1, t % 9 ? APC_GOOD : APC_GOOD_LIMITED_LOW,
+                1.0);
+        }
+}
+
+/* To the last bit: what others record is not even looked at, so that the time it takes does not grow with the
+ * product of loops and rows. */
+static void a_loop_is_judged_by_its_own_rows(void **state)
+{
+    struct loops_loop many[MANY];
+    struct kpis alone, all;
+    const struct loops of = {.at = many, .n = MANY, .controller = loops.controller, .n_controllers = 1};
+    const struct kpis_source source = {
+        .loops = &of, .process = &process, .operation = &operation, .from = S / 3, .until = 99 * S + S / 7};
+    (void)state;
+    for (int k = 0; k < MANY; k++)
+        many[k] = (struct loops_loop){.id = k + 1,
+                                      .table = APC_ACTUATOR,
+                                      .output = k + 1,
+                                      .measurement = k + 1,
+                                      .setpoint = k / 2 + 1,
+                                      .above = -1};
+    record_many(-1);
+    assert_int_equal(kpis_make(&all, &source), 0);
+    assert_int_equal(all.n_loops, MANY);
+    for (int k = 0; k < MANY; k++) {
+        record_many(k);
+        assert_int_equal(kpis_make(&alone, &source), 0);
+        assert_true(alone.loop[k].service > 0.9 && alone.loop[k].low > 0.1 && alone.loop[k].iae > 0);
+        assert_memory_equal(&alone.loop[k].service, &all.loop[k].service,
+                            offsetof(struct kpis_loop, health) - offsetof(struct kpis_loop, service));
+        kpis_free(&alone);
+    }
+    kpis_free(&all);
+}
+
 static void publish(double t, double first, double last, double limits)
 {
     double value[4] = {first, 0, 0, last};
@@ -314,6 +366,7 @@ int main(void)
 #define TEST(name) cmocka_unit_test_setup_teardown(name, begin, end)
         TEST(time_in_service_is_that_of_the_laws_own_answers),
         TEST(deviations_with_and_without_service_are_those_by_hand),
+        TEST(a_loop_is_judged_by_its_own_rows),
         TEST(predictions_are_held_against_what_was_measured_then),
         TEST(a_store_is_judged_of_the_time_it_knows),
         TEST(outages_are_what_the_record_lacks),
