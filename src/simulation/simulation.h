@@ -10,6 +10,7 @@
 
 #include <apcexchange.h>
 
+#include "figures/figures.h"
 #include "operate/operate.h"
 #include "record/record.h"
 
@@ -471,6 +472,12 @@ int closed_promote(struct closed *c, const struct controller *to);
 /* How much of what moved measurement @p k is not the model's: 0: nothing; 1: as much as all that it, or the model,
  * moved. */
 double closed_left_out(const struct closed *c, size_t k);
+/* Rows of a record or of what would have been, by time: what is in force at @p from, and what comes until @p until.
+ * Returns 0 or APC_ENOMEM. */
+int closed_window(struct samples *to, const struct samples *of, apc_ns from, apc_ns until);
+/* How well its loops were controlled then. Returns 0 or APC_ENOMEM; figures_free() in either case. */
+int closed_figures(struct figures *f, const struct samples *of, const struct experiment *e, apc_ns from,
+                   apc_ns until);
 void closed_free(struct closed *c);
 
 /* ---- Why ------------------------------------------------------------------------------------ */

@@ -15,7 +15,8 @@
 struct shadowing {
     struct closed closed;
     struct samples made; /* had it acted */
-    struct loops loops;  /* of the experiment */
+    struct figures recorded, would;
+    struct loops loops; /* of the experiment */
     const struct controller *to;
 };
 
@@ -55,7 +56,13 @@ static int run_shadow(struct shadowing *s, struct apc_store *store, const char *
     if (rc == 0 &&
         ((rc = closed_promote(&s->closed, s->to)) < 0 || (rc = controllers_describe(e, &s->loops)) < 0))
         return apc_fail(why, rc, "out of memory");
-    return rc < 0 ? rc : closed_run(&s->closed, NULL, &s->made, why);
+    if (rc == 0)
+        rc = closed_run(&s->closed, NULL, &s->made, why);
+    if (rc == 0 &&
+        ((rc = closed_figures(&s->recorded, &s->closed.all, e, s->closed.since, s->closed.end)) < 0 ||
+         (rc = closed_figures(&s->would, &s->made, e, s->closed.since, s->closed.end)) < 0))
+        return apc_fail(why, rc, "out of memory");
+    return rc;
 }
 
 /* Of one variable, from then on, its times in s since then. Returns how many, at most @p room. */
@@ -73,36 +80,23 @@ static size_t collect_curve(const struct samples *all, enum apc_table table, int
     return n;
 }
 
-/* |r - y| over time, of the rows of both as they stand; NAN: there is no time with both. */
-static double shadow_iae(const struct samples *all, const struct loops_loop *loop, apc_ns since)
+/* Of two loops for one measurement there is one figure. */
+static double iae_of_loop(const struct figures *f, const struct loops_loop *loop)
 {
-    double r = (double)NAN, y = (double)NAN, iae = (double)NAN;
-    apc_ns last = since;
-
-    for (size_t i = 0; i < all->n; i++) {
-        const struct apc_sample *row = &all->at[i];
-
-        if (row->table == APC_SETPOINT && row->id == loop->setpoint)
-            r = row->value;
-        if (row->table != APC_SENSOR || row->id != loop->measurement)
-            continue;
-        if (row->time > since && isfinite(r) && isfinite(y))
-            iae = (isnan(iae) ? 0.0 : iae) +
-                  fabs(r - y) * apc_ns_to_s(row->time - (last > since ? last : since));
-        last = row->time;
-        y = row->value;
-    }
-    return iae;
+    for (size_t i = 0; i < f->n_loops; i++)
+        if ((int)f->loop[i].y + 1 == loop->measurement && (int)f->loop[i].z + 1 == loop->setpoint)
+            return f->of[i].figure[METRIC_IAE];
+    return (double)NAN;
 }
 
 static void shadow_side_json(const struct shadowing *s, const char *name, const struct samples *all,
-                             const struct loops_loop *loop, struct text *t)
+                             const struct figures *figures, const struct loops_loop *loop, struct text *t)
 {
     double *time = calloc(2 * all->n + 1, sizeof *time), *value = time ? time + all->n : NULL, travel = 0.0;
     const apc_ns since = s->closed.since;
     size_t n = 0;
 
-    json_add(t, "%s:{iae:%.6g,", name, shadow_iae(all, loop, since));
+    json_add(t, "%s:{iae:%.6g,", name, iae_of_loop(figures, loop));
     if (time && loop->measurement)
         n = collect_curve(all, APC_SENSOR, loop->measurement, since, time, value);
     curve_json("y", time, 0.0, value, n, t);
@@ -135,9 +129,9 @@ static void shadowing_json(const struct shadowing *s, struct text *t)
         if (strcmp(s->loops.controller[loop->controller].name, s->to->name) != 0)
             continue;
         json_add(t, "{id:%d,", loop->id);
-        shadow_side_json(s, "recorded", &c->all, loop, t);
+        shadow_side_json(s, "recorded", &c->all, &s->recorded, loop, t);
         json_add(t, ",");
-        shadow_side_json(s, "would", &s->made, loop, t);
+        shadow_side_json(s, "would", &s->made, &s->would, loop, t);
         json_add(t, "}");
     }
     json_add(t, "]}");
@@ -163,6 +157,8 @@ void get_shadow(struct ui *ui, struct request *r, struct apc_store *store)
         fault_set(&r->fault, 422, "record", NULL, "%s", why.text);
     else if (s.to)
         shadowing_json(&s, &r->reply);
+    figures_free(&s.recorded);
+    figures_free(&s.would);
     samples_free(&s.made);
     loops_free(&s.loops);
     closed_free(&s.closed);

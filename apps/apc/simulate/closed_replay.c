@@ -16,7 +16,7 @@
 static const enum metric metrics[] = {METRIC_IAE, METRIC_ISE, METRIC_EFFORT};
 #define N_METRICS (sizeof metrics / sizeof *metrics)
 
-struct closed_figures {
+struct window_figures {
     double (*window)[WINDOWS]; /* [n * N_METRICS] */
     struct loop *loop;
     size_t n;
@@ -24,48 +24,19 @@ struct closed_figures {
 
 /* ---- Windows -------------------------------------------------------------------------------- */
 
-/* What is in force when the window begins, and what comes in it. */
-static int cut_closed_window(struct samples *to, const struct samples *of, apc_ns from, apc_ns until)
-{
-    size_t before = 0;
-    int rc = 0;
-    while (before < of->n && of->at[before].time < from)
-        before++;
-    for (size_t i = before; i-- > 0 && rc == 0;) {
-        struct apc_sample row = of->at[i];
-        bool known = row.table == APC_SENSOR;
-        for (size_t k = 0; k < to->n && !known; k++)
-            known = to->at[k].table == row.table && to->at[k].id == row.id;
-        row.time = from;
-        rc = known ? 0 : samples_add(to, &row);
-    }
-    for (size_t i = before; i < of->n && of->at[i].time < until && rc == 0; i++)
-        rc = samples_add(to, &of->at[i]);
-    return rc;
-}
-
-static int measure_window(struct closed_figures *f, const struct samples *samples, const struct experiment *e,
+static int measure_window(struct window_figures *f, const struct samples *samples, const struct experiment *e,
                           size_t window, apc_ns from, apc_ns until)
 {
-    struct samples part = {0};
-    struct trajectory c = {.output = NULL};
-    struct figures figures = {0};
-    int rc = cut_closed_window(&part, samples, from, until);
-    if (rc == 0)
-        rc = trajectory_of_samples(&c, &part, e, from);
-    c.end = apc_ns_to_s(until - from);
-    if (rc == 0)
-        rc = figures_make(&figures, &c, e);
+    struct figures figures;
+    const int rc = closed_figures(&figures, samples, e, from, until);
     for (size_t i = 0; i < f->n && rc == 0; i++)
         for (size_t k = 0; k < N_METRICS; k++)
             f->window[i * N_METRICS + k][window] = figures.of[i].figure[metrics[k]];
     figures_free(&figures);
-    trajectory_free(&c);
-    samples_free(&part);
     return rc;
 }
 
-static int measure_windows(struct closed_figures *f, const struct samples *samples, const struct closed *c)
+static int measure_windows(struct window_figures *f, const struct samples *samples, const struct closed *c)
 {
     const struct experiment *e = &c->was;
     const apc_ns length = c->end - c->since;
@@ -80,7 +51,7 @@ static int measure_windows(struct closed_figures *f, const struct samples *sampl
     return rc;
 }
 
-static void free_closed_figures(struct closed_figures *f)
+static void free_window_figures(struct window_figures *f)
 {
     free(f->window);
     free(f->loop);
@@ -91,7 +62,7 @@ static void free_closed_figures(struct closed_figures *f)
 struct closed_answer {
     struct closed closed;
     struct samples unchanged, otherwise;
-    struct closed_figures was, is;
+    struct window_figures was, is;
     double apart; /* of the unchanged run from the record, in widths of the range */
 };
 
@@ -206,9 +177,9 @@ static int draw_closed(const struct closed_answer *a, const char *name, FILE *ou
     struct samples was = {0}, is = {0};
     char time[APC_TIME_LEN], title[200];
     size_t n = 0;
-    int rc = v ? cut_closed_window(&was, &c->all, c->since, c->end) : APC_ENOMEM;
+    int rc = v ? closed_window(&was, &c->all, c->since, c->end) : APC_ENOMEM;
     if (rc == 0)
-        rc = cut_closed_window(&is, &a->otherwise, c->since, c->end);
+        rc = closed_window(&is, &a->otherwise, c->since, c->end);
     for (size_t i = 0; i < e->dim.ny && rc == 0; i++)
         rc = take_closed_variable(&v[n++], &was, &is, c, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
     for (size_t i = 0; i < e->dim.nu && rc == 0; i++)
@@ -333,8 +304,8 @@ int closed_replay(const char *name, const struct replay_range *of, const char *f
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0 && figure)
         rc = draw_closed(&a, figure, json ? stderr : stdout, why);
-    free_closed_figures(&a.was);
-    free_closed_figures(&a.is);
+    free_window_figures(&a.was);
+    free_window_figures(&a.is);
     samples_free(&a.unchanged);
     samples_free(&a.otherwise);
     closed_free(&a.closed);

@@ -4,6 +4,7 @@
  */
 #include "check.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -242,6 +243,37 @@ static void what_cannot_be_closed_is_refused(void **state)
     assert_non_null(strstr(why.text, "the clock was set"));
 }
 
+/* Of straight lines between measurements, about the setpoint that was in force before the part began. */
+static void figures_of_a_part_are_those_of_its_rows(void **state)
+{
+    struct figures f;
+    double iae = 0, r = (double)NAN;
+    const struct apc_sample *before = NULL;
+    (void)state;
+    record("first-order", NULL, 0);
+    assert_int_equal(close_loop(S(155.05), S(290)), 0);
+    for (size_t i = 0; i < closed.all.n; i++) {
+        const struct apc_sample *at = &closed.all.at[i];
+        if (at->table == APC_SETPOINT && at->time <= closed.since)
+            r = at->value;
+        assert_true(at->table != APC_SETPOINT || at->time <= closed.since || at->time >= closed.end);
+        if (at->table != APC_SENSOR || at->time < closed.since || at->time >= closed.end)
+            continue;
+        if (before) {
+            const double a = before->value - r, b = at->value - r, dt = apc_ns_to_s(at->time - before->time);
+            iae += a * b < 0 ? dt * (a * a + b * b) / fabs(a - b) / 2 : dt * fabs(a + b) / 2;
+        }
+        before = at;
+    }
+    assert_non_null(before);
+    iae += fabs(before->value - r) * apc_ns_to_s(closed.end - before->time);
+    assert_int_equal(closed_figures(&f, &closed.all, &closed.was, closed.since, closed.end), 0);
+    assert_int_equal(f.n_loops, 1);
+    assert_true(iae > 0.1);
+    assert_near(f.of[0].figure[METRIC_IAE], iae, 1e-9 * iae);
+    figures_free(&f);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -249,6 +281,7 @@ int main(void)
         cmocka_unit_test_teardown(layers_of_controllers_are_closed_at_once, end),
         cmocka_unit_test_teardown(a_schedule_that_ends_is_where_it_was, end),
         cmocka_unit_test_teardown(what_cannot_be_closed_is_refused, end),
+        cmocka_unit_test_teardown(figures_of_a_part_are_those_of_its_rows, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
