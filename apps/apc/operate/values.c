@@ -90,13 +90,18 @@ static int get_text(const struct status_loops *loops, const struct apc_sample *s
 
 /* What is beside an entry, where the store lets it be seen: a role of less than an operator's has the values
  * alone, and `now` stays 0. */
-static void load_entries(struct status_loops *loops, struct apc_store *store, const struct cli_plant *plant,
-                         const struct apc_sample *samples, int n, bool ramps)
+static int load_entries(const struct cli *cli, struct status_loops *loops, struct apc_store *store,
+                        const struct apc_sample *samples, int n)
 {
-    if (status_entries_load(loops, store, plant, samples, (size_t)n, ramps) < 0) {
-        status_loops_free(loops);
-        *loops = (struct status_loops){.plant = plant};
-    }
+    const struct cli_plant *plant = loops->plant;
+    const int rc = status_entries_load(loops, store, plant, samples, (size_t)n, cli->format != CLI_JSON);
+    if (rc < 0 && rc != APC_EPERM)
+        cli_store_error(cli, rc, store);
+    if (rc != APC_EPERM)
+        return rc;
+    status_loops_free(loops);
+    *loops = (struct status_loops){.plant = plant};
+    return 0;
 }
 
 int command_get(int argc, char **argv)
@@ -129,7 +134,9 @@ int command_get(int argc, char **argv)
         goto out;
     past_show(&past, &cli);
     if (cli.format == CLI_JSON || (cli.format != CLI_CSV && cli.n_args > 0))
-        load_entries(&loops, past.store, &plant, samples, n, cli.format != CLI_JSON);
+        rc = load_entries(&cli, &loops, past.store, samples, n);
+    if (rc < 0)
+        goto out;
     if (cli.format == CLI_JSON)
         get_json(&loops, samples, n, &past);
     else if (cli.format == CLI_CSV)
