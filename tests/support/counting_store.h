@@ -154,6 +154,19 @@ static int do_claim(struct apc_store *s, struct apc_sample *variables, size_t n)
     return arrive();
 }
 
+static int do_holder(struct apc_store *s, const struct apc_sample *variable, uint64_t *holder)
+{
+    (void)s, (void)variable;
+    *holder = 5;
+    return arrive();
+}
+
+static int do_seize(struct apc_store *s, struct apc_sample *variables, size_t n, uint64_t holder)
+{
+    (void)holder;
+    return do_claim(s, variables, n);
+}
+
 static int do_author(struct apc_store *s, const char *name)
 {
     (void)s;
@@ -248,6 +261,8 @@ static int set_up(void **state)
                                  .vectors = do_vectors,
                                  .claim_set = do_claim,
                                  .release = do_append,
+                                 .holder = do_holder,
+                                 .seize = do_seize,
                                  .author = do_author,
                                  .author_name = do_author_name,
                                  .describe = do_describe,
@@ -315,7 +330,7 @@ static int any_request(void *ctx, const struct apc_request *r)
 
 /* ---- Every function -------------------------------------------------------------------------------- */
 
-enum { FUNCTIONS = 33 };
+enum { FUNCTIONS = 35 };
 
 /* Call number @p i as one that is right, but for the store. */
 static int call(int i, struct apc_store *s)
@@ -328,6 +343,7 @@ static int call(int i, struct apc_store *s)
     struct apc_behind behind = {.size = sizeof behind};
     struct apc_tag tag = {.table = APC_SENSOR};
     int64_t last;
+    uint64_t holder;
     char text[APC_AUTHOR_LEN];
     switch (i) {
     case 0:
@@ -394,6 +410,10 @@ static int call(int i, struct apc_store *s)
         return apc_store_timing(s, NULL, any_timing, NULL);
     case 31:
         return apc_store_init(s);
+    case 32:
+        return apc_store_seize(s, samples, 1, 5);
+    case 33:
+        return apc_store_holder(s, samples, &holder);
     default:
         return apc_store_maintain(s, NULL);
     }

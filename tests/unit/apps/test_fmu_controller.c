@@ -53,6 +53,7 @@ static struct {
                  double *last);
     void (*free3)(void *c);
 } fmi;
+static void *library;
 static char said[1000]; /* the last sentence */
 
 static int load(void **state)
@@ -80,8 +81,8 @@ static int load(void **state)
                {"fmi3SetInt32", &fmi.set_integer3},
                {"fmi3DoStep", &fmi.step3},
                {"fmi3FreeInstance", &fmi.free3}};
-    void *const library = dlopen(APC_FMU_CONTROLLER, RTLD_NOW | RTLD_LOCAL);
 
+    library = dlopen(APC_FMU_CONTROLLER, RTLD_NOW | RTLD_LOCAL);
     (void)state;
     if (!library)
         print_error("%s\n", dlerror());
@@ -353,6 +354,169 @@ static void what_is_wrong_is_said(void **state)
     fmi.free2(NULL);
 }
 
+/* ---- What it does not offer ------------------------------------------------------------------- */
+
+typedef int refused_fn(void *c);
+typedef int none2_fn(void *c, const unsigned *reference, size_t n, void *value);
+typedef int none3_fn(void *c, const unsigned *reference, size_t n);
+
+static void find_function(const char *name, void *function)
+{
+    void *const found = dlsym(library, name);
+    if (!found)
+        fail_msg("there is no %s, which an importer looks up", name);
+    memcpy(function, &found, sizeof found);
+}
+
+static void refuses_all(const char *const *name, size_t n, void *c)
+{
+    for (size_t i = 0; i < n; i++) {
+        refused_fn *function;
+        find_function(name[i], &function);
+        said[0] = '\0';
+        assert_int_equal(function(c), 3);
+        assert_has(said, name[i]);
+    }
+}
+
+/* An importer looks up all functions of the standard; those that the description does not offer say so. */
+static void what_is_not_offered_is_refused(void **state)
+{
+    static const char *const not_offered2[] = {"fmi2GetFMUstate",
+                                               "fmi2SetFMUstate",
+                                               "fmi2FreeFMUstate",
+                                               "fmi2SerializedFMUstateSize",
+                                               "fmi2SerializeFMUstate",
+                                               "fmi2DeSerializeFMUstate",
+                                               "fmi2GetDirectionalDerivative",
+                                               "fmi2SetRealInputDerivatives",
+                                               "fmi2GetRealOutputDerivatives",
+                                               "fmi2CancelStep",
+                                               "fmi2GetStatus",
+                                               "fmi2GetRealStatus",
+                                               "fmi2GetIntegerStatus",
+                                               "fmi2GetBooleanStatus",
+                                               "fmi2GetStringStatus"};
+    static const char *const not_offered3[] = {"fmi3EnterEventMode",
+                                               "fmi3GetNumberOfVariableDependencies",
+                                               "fmi3GetVariableDependencies",
+                                               "fmi3GetFMUState",
+                                               "fmi3SetFMUState",
+                                               "fmi3FreeFMUState",
+                                               "fmi3SerializedFMUStateSize",
+                                               "fmi3SerializeFMUState",
+                                               "fmi3DeserializeFMUState",
+                                               "fmi3GetDirectionalDerivative",
+                                               "fmi3GetAdjointDerivative",
+                                               "fmi3EnterConfigurationMode",
+                                               "fmi3ExitConfigurationMode",
+                                               "fmi3GetIntervalDecimal",
+                                               "fmi3GetIntervalFraction",
+                                               "fmi3GetShiftDecimal",
+                                               "fmi3GetShiftFraction",
+                                               "fmi3SetIntervalDecimal",
+                                               "fmi3SetIntervalFraction",
+                                               "fmi3SetShiftDecimal",
+                                               "fmi3SetShiftFraction",
+                                               "fmi3EvaluateDiscreteStates",
+                                               "fmi3UpdateDiscreteStates",
+                                               "fmi3EnterContinuousTimeMode",
+                                               "fmi3CompletedIntegratorStep",
+                                               "fmi3SetTime",
+                                               "fmi3SetContinuousStates",
+                                               "fmi3GetContinuousStateDerivatives",
+                                               "fmi3GetEventIndicators",
+                                               "fmi3GetContinuousStates",
+                                               "fmi3GetNominalsOfContinuousStates",
+                                               "fmi3GetNumberOfEventIndicators",
+                                               "fmi3GetNumberOfContinuousStates",
+                                               "fmi3EnterStepMode",
+                                               "fmi3GetOutputDerivatives",
+                                               "fmi3ActivateModelPartition"};
+    static const char *const types2[] = {"fmi2GetBoolean", "fmi2SetBoolean", "fmi2GetString",
+                                         "fmi2SetString"};
+    static const char *const types3[] = {"fmi3GetFloat32", "fmi3SetFloat32", "fmi3GetInt8",   "fmi3SetInt8",
+                                         "fmi3GetUInt8",   "fmi3SetUInt8",   "fmi3GetInt16",  "fmi3SetInt16",
+                                         "fmi3GetUInt16",  "fmi3SetUInt16",  "fmi3GetUInt32", "fmi3SetUInt32",
+                                         "fmi3GetInt64",   "fmi3SetInt64",   "fmi3GetUInt64", "fmi3SetUInt64",
+                                         "fmi3GetBoolean", "fmi3SetBoolean", "fmi3GetString", "fmi3SetString",
+                                         "fmi3GetBinary",  "fmi3SetBinary",  "fmi3GetClock",  "fmi3SetClock"};
+    static const char *const kinds3[] = {"fmi3InstantiateModelExchange", "fmi3InstantiateScheduledExecution"};
+    void *const c2 = make2(first_order()), *const c3 = make3(first_order());
+    const unsigned y = 1;
+
+    (void)state;
+    refuses_all(not_offered2, sizeof not_offered2 / sizeof *not_offered2, c2);
+    refuses_all(not_offered3, sizeof not_offered3 / sizeof *not_offered3, c3);
+    for (size_t i = 0; i < sizeof types2 / sizeof *types2; i++) {
+        none2_fn *function;
+        find_function(types2[i], &function);
+        assert_int_equal(function(c2, NULL, 0, NULL), 0);
+        assert_int_equal(function(c2, &y, 1, NULL), 3);
+        assert_has(said, types2[i]);
+    }
+    for (size_t i = 0; i < sizeof types3 / sizeof *types3; i++) {
+        none3_fn *function;
+        find_function(types3[i], &function);
+        assert_int_equal(function(c3, NULL, 0), 0);
+        assert_int_equal(function(c3, &y, 1), 3);
+        assert_has(said, types3[i]);
+    }
+    for (size_t i = 0; i < 2; i++) {
+        void *(*make)(void);
+        find_function(kinds3[i], &make);
+        assert_null(make());
+    }
+    fmi.free2(c2);
+    fmi.free3(c3);
+}
+
+static void it_says_what_it_is(void **state)
+{
+    const char *(*version)(void);
+    void *const c2 = make2(first_order()), *const c3 = make3(first_order());
+    const unsigned mode = 4;
+    int (*log_all)(void *c, int on, size_t n, const char *const *category),
+        (*get2)(void *c, const unsigned *reference, size_t n, int *value),
+        (*get3)(void *c, const unsigned *reference, size_t n, int32_t *value, size_t n_values),
+        (*log_all3)(void *c, bool on, size_t n, const char *const *category);
+    refused_fn *reset3, *end3;
+    int value = 0;
+    int32_t value3 = 0;
+
+    (void)state;
+    find_function("fmi2GetTypesPlatform", &version);
+    assert_string_equal(version(), "default");
+    find_function("fmi2GetVersion", &version);
+    assert_string_equal(version(), "2.0");
+    find_function("fmi3GetVersion", &version);
+    assert_string_equal(version(), "3.0");
+    find_function("fmi2SetDebugLogging", &log_all);
+    find_function("fmi3SetDebugLogging", &log_all3);
+    assert_int_equal(log_all(c2, 1, 0, NULL), 0);
+    assert_int_equal(log_all3(c3, true, 0, NULL), 0);
+    find_function("fmi2GetInteger", &get2);
+    find_function("fmi3GetInt32", &get3);
+    initialise(c2, c3, 0);
+    assert_int_equal(fmi.set_integer2(c2, &mode, 1, &(int){APC_MODE_MAN}), 0);
+    assert_int_equal(fmi.set_integer3(c3, &mode, 1, &(int){APC_MODE_MAN}, 1), 0);
+    assert_int_equal(get2(c2, &mode, 1, &value), 0);
+    assert_int_equal(get3(c3, &mode, 1, &value3, 1), 0);
+    assert_true(value == APC_MODE_MAN && value3 == APC_MODE_MAN);
+    assert_int_equal(get3(c3, &mode, 1, &value3, 2), 3);
+    assert_has(said, "as many values as references");
+    find_function("fmi3Terminate", &end3);
+    find_function("fmi3Reset", &reset3);
+    assert_int_equal(end3(c3), 0);
+    assert_int_equal(step3(c3, 0, 2), 3);
+    assert_int_equal(reset3(c3), 0);
+    assert_int_equal(fmi.enter3(c3, false, 0, 0, false, 0), 0);
+    assert_int_equal(fmi.leave3(c3), 0);
+    assert_int_equal(step3(c3, 0, 2), 0);
+    fmi.free2(c2);
+    fmi.free3(c3);
+}
+
 /* ---- Its life --------------------------------------------------------------------------------- */
 
 static double tick(void *c, double t, double measurement)
@@ -445,6 +609,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_controller_gives_what_it_gives_in_a_run),
         cmocka_unit_test(what_is_wrong_is_said),
+        cmocka_unit_test(what_is_not_offered_is_refused),
+        cmocka_unit_test(it_says_what_it_is),
         cmocka_unit_test(a_measurement_that_is_no_number_is_bad),
         cmocka_unit_test(instances_are_alone_and_reset),
     };

@@ -188,6 +188,13 @@ static void test_nobody_changes_the_past_nor_sees_the_future(void **state)
     assert_int_equal(apc_store_maintain(then, NULL), APC_EPERM);
     assert_int_equal(apc_store_keep_history(then), APC_EPERM);
     assert_int_equal(apc_store_is_history(then), APC_EPERM);
+    struct apc_store_stats own = {.size = sizeof own}, its = own;
+    apc_store_stats(then, &own);
+    apc_store_stats(*state, &its);
+    assert_memory_equal(&own, &its, sizeof own); /* there, and how often it was not, as its store is */
+    ok(then, apc_store_connect(then));
+    assert_true(apc_store_connected(then));
+    assert_int_equal(apc_store_tables_version(then), apc_store_version());
     apc_store_close(then);
     s.seq = 0;
     ok(*state, apc_store_read(*state, &s, 1));
