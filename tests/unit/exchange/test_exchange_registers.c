@@ -32,7 +32,11 @@ static const struct apc_modbus_point U[NU] = {
     {.area = APC_MODBUS_COIL, .type = APC_MODBUS_BIT, .address = 5, .safe = 1},
     {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_S16, .address = 10, .scale = 0.5, .safe = -1}};
 static const struct apc_modbus_point Y[NY] = {
-    {.area = APC_MODBUS_INPUT, .type = APC_MODBUS_F32, .address = 0},
+    {.area = APC_MODBUS_INPUT,
+     .type = APC_MODBUS_F32,
+     .address = 0,
+     .no_value = {0xC61C3C00}, /* -9999 */
+     .n_no_value = 1},
     {.area = APC_MODBUS_DISCRETE, .type = APC_MODBUS_BIT, .address = 3},
     {.area = APC_MODBUS_INPUT, .type = APC_MODBUS_U16, .address = 10, .scale = 0.01},
     {.area = APC_MODBUS_COIL, .type = APC_MODBUS_BIT, .address = 6}};
@@ -265,6 +269,9 @@ static void a_measurement_beyond_its_register_is_the_end_of_it_and_a_bad_one_a_f
     assert_string_equal(ask(&p, "04 000a 0001"), "04020000");
     p.y[2].status = APC_UNCERTAIN;
     assert_string_equal(ask(&p, "04 000a 0001"), "04020000");
+    p.y[0].status = APC_BAD_SENSOR_FAILURE; /* it has a code for that */
+    assert_string_equal(ask(&p, "04 0000 0002"), "0404c61c3c00");
+    p.y[0].status = APC_GOOD;
     p.y[2].status = APC_BAD_SENSOR_FAILURE;
     assert_string_equal(ask(&p, "04 000a 0001"), "8404");
     assert_string_equal(ask(&p, "04 0000 0002"), "04043f000000"); /* the others go on */

@@ -516,6 +516,20 @@ static void what_is_set_goes_where_it_belongs(void **state)
         assert_null(next);
         assert_has(why.text, none[i].reason);
     }
+    assert_int_equal(experiment_remove(text, "plant.noise", NULL, &next, &why), 0);
+    assert_has(text, "noise = ");
+    assert_null(strstr(next, "noise"));
+    assert_has(next, "name = \"value\"; value = 5;");
+    free(text);
+    assert_int_equal(experiment_remove(next, "clients.[0]", NULL, &text, &why), 0);
+    assert_has(text, "clients = [\"d\"];");
+    free(next);
+    assert_int_equal(experiment_remove(text, "plant.nothing", NULL, &next, &why), 0); /* there is none */
+    assert_string_equal(next, text);
+    free(next);
+    assert_int_equal(experiment_remove(text, "title.x", NULL, &next, &why), APC_ENOTFOUND);
+    assert_null(next);
+    assert_has(why.text, "there is no \"x\" in title");
     free(text);
 }
 

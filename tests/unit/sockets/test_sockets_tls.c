@@ -155,6 +155,20 @@ static void without_use(const char *to, const char *from)
     EVP_PKEY_free(by);
 }
 
+/* As `openssl pkcs8 -topk8` asks for a password. */
+static void with_password(const char *to, const char *from)
+{
+    FILE *file = fopen(in(from), "r");
+    assert_non_null(file);
+    EVP_PKEY *key = PEM_read_PrivateKey(file, NULL, NULL, NULL);
+    fclose(file);
+    file = fopen(in(to), "w");
+    assert_true(key && file &&
+                PEM_write_PKCS8PrivateKey(file, key, EVP_aes_256_cbc(), "secret", 6, NULL, NULL));
+    assert_int_equal(fclose(file), 0);
+    EVP_PKEY_free(key);
+}
+
 static int make_certificates(void **state)
 {
     (void)state;
@@ -762,16 +776,19 @@ static void what_is_no_identity_is_refused_with_its_reason(void **state)
     static const struct {
         const char *file, *parts[4], *said;
         int rc;
-    } cases[] = {{"missing", {NULL}, "No such file", APC_ENOTFOUND},
-                 {"empty", {NULL}, "private key", APC_EINVAL},
-                 {"no-key", {"ours/authority.pem"}, "private key", APC_EINVAL},
-                 {"no-certificate", {"ours/authority.key"}, "must hold a certificate", APC_EINVAL},
-                 {"no-authority", {"ours/authority.key", "ours/authority.pem"}, "must hold", APC_EINVAL},
-                 {"anothers", {"self/authority.key", "ours/client.pem"}, "the key is not that", APC_EINVAL},
-                 {"two", {"ours/client.pem", "ours/stranger.pem"}, "of no authority", APC_EINVAL}};
+    } cases[] = {
+        {"missing", {NULL}, "No such file", APC_ENOTFOUND},
+        {"empty", {NULL}, "private key", APC_EINVAL},
+        {"no-key", {"ours/authority.pem"}, "private key", APC_EINVAL},
+        {"no-certificate", {"ours/authority.key"}, "must hold a certificate", APC_EINVAL},
+        {"no-authority", {"ours/authority.key", "ours/authority.pem"}, "must hold", APC_EINVAL},
+        {"anothers", {"self/authority.key", "ours/client.pem"}, "the key is not that", APC_EINVAL},
+        {"two", {"ours/client.pem", "ours/stranger.pem"}, "of no authority", APC_EINVAL},
+        {"password", {"locked.key", "ours/authority.pem"}, "private key", APC_EINVAL}}; /* nobody is asked */
     struct apc_identity *identity;
     struct apc_error why;
     (void)state;
+    with_password("locked.key", "ours/authority.key");
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         if (strcmp(cases[i].file, "missing") != 0)
             join(cases[i].file, cases[i].parts);
