@@ -10,8 +10,8 @@ asked() {
   [ "$n" = "$1" ] || fail "$3: $n rows of $2 were asked instead of $1"
 }
 
-# confirms: a great step of r in $work/fast.conf has to be confirmed, and each takes two persons
-confirms() { sed -i 's/^setpoints *= ( { /&confirm = 15.0; second_person = 300.0; /' "$work/fast.conf"; }
+# confirms: a great step of r in $work/fast.conf, where it stays at 10, has to be confirmed, and each takes two persons
+confirms() { sed -i -e 's/^setpoints *= ( { /&confirm = 15.0; second_person = 300.0; /' -e 's/sequence = (.*);/sequence = ( [10.0] );/' "$work/fast.conf"; }
 
 # page_of STORE: a page, whose port is in $page and process in $page_pid, with the tokens $engineer and $observer
 page_of() {
