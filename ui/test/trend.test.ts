@@ -5,10 +5,11 @@
 import assert from "node:assert/strict";
 import {test} from "node:test";
 import {priorityOf} from "../src/core/alarms";
+import {calculated, type Calculation} from "../src/core/calculated";
 import {added, type Group, groupsOf, keeping, MOST_GROUPS} from "../src/core/groups";
 import {marksOf, near} from "../src/core/marks";
-import {chosen, joined, pensAbout, signalsOf} from "../src/core/pens";
-import {percentiles, shifted} from "../src/core/series";
+import {chosen, found, joined, pensAbout, signalsOf} from "../src/core/pens";
+import {percentiles, type Series, shifted} from "../src/core/series";
 import type {AlarmIs, Loop, PlantEvent} from "../src/core/types";
 import {plant} from "./plant";
 
@@ -97,9 +98,57 @@ test("a link to the beginning of time is none", () => {
   assert.deepEqual(chosen("pens=y1;to=1763730000", 1.9e9).window, {live: false, span: 600, to: 1763730000});
 });
 
+const of = (t: number[], mid: (number | null)[]): Series => ({t, low: mid, high: mid, mid});
+const made = (text: string): Calculation => {
+  const one = calculated(text, plant.variables);
+  assert.equal(typeof one, "object", String(one));
+  return one as Calculation;
+};
+
+// Promise(page/trend-calculated-pens): A calculated pen has its unit, is a gap where it has no value, and an expression is bounded.
+test("a calculated pen has its unit, and is a gap where it has no value", () => {
+  const curves: Record<string, Series> = {"sensor.1": of([0, 10, 20, 30], [1, 2, null, 4]), "sensor.2": of([5, 10, 25], [0, 1, 0]), "actuator.1": of([0], [2])};
+  const values = (text: string): (number | null)[][] => {
+    const {t, mid} = made(text).series(ref => curves[ref] as Series);
+    return t.map((at, i) => [at, mid[i] ?? null]);
+  };
+  assert.deepEqual(values("= y1 - y2"), [[0, null], [5, 1], [10, 1], [20, null], [25, null], [30, 4]]);
+  assert.deepEqual(values("=y1/y2"), [[0, null], [5, null], [10, 2], [20, null], [25, null], [30, null]], "division by zero");
+  assert.deepEqual(values("=-(-y1)+2*(3-1)-8/2"), [[0, 1], [10, 2], [20, null], [30, 4]]);
+  assert.deepEqual(values("=mean(y1,20)"), [[0, null], [10, null], [20, null], [30, 2]], "of the time that it has a value, and never of less than its time");
+  assert.deepEqual(values("=mean(y1,5)"), [[0, null], [10, 1], [20, null], [30, null]]);
+  assert.deepEqual(values("=1e300*u1*1e300"), [[0, null]], "what is no number any more");
+  curves["sensor.2"] = of([0, 1], [1, 1]);
+  curves["sensor.1"] = of([0, 1, 2, 4, 5], [5, 6, 7, 8, 9]);
+  assert.deepEqual(values("=y1-y2"), [[0, 4], [1, 5], [2, 6], [4, 7], [5, null]], "what nobody measures any more ends it");
+  const units = {"=y1-y2": "m", "=2*y1+1": "m", "=y1/y2": "", "=y1/u1": "m/V", "=y1*u1": "m·V", "=1/u1": "1/V", "=T/(y1*u1)": "K/(m·V)", "=mean(T,60)": "K"};
+  for (const [text, unit] of Object.entries(units)) assert.equal(made(text).variable.unit, unit, text);
+  assert.deepEqual([made("=mean(mean(y1,60)-y2,10)").back, made("=y1 - r1").variable.period, made("=r1-r2").variable.table], [70, 1, "setpoint"]);
+});
+
+test("what is no expression says why, whatever it is", () => {
+  const wrong: [string, RegExp][] = [
+    ["=", /not expected: “”/], ["=y1-", /not expected: “”/], ["=y1 y2", /not expected: “y2”/], ["=y1;", /not expected: “;”/], ["=(y1", /not expected: “”/], ["=nobody", /no signal nobody/], ["=sin(y1)", /no signal sin/],
+    ["=y1+T", /m and K cannot be added$/], ["=mean(y1,0)", /at most 6 signals/], ["=mean(y1,y2)", /at most 6 signals/], ["=mean(y1)", /not expected: “\)”/], ["=1+2", /at most 6 signals/], ["=y1+y2+r1+r2+sensor.1+setpoint.1", /^$/], ["=y1*y2*T*r1*r2*u1*u2", /at most 6/],
+    ["=" + "(".repeat(9) + "y1" + ")".repeat(9), /8 brackets/], ["=" + "-".repeat(100) + "y1", /8 brackets/], ["=" + "y1+".repeat(60) + "y1", /127 bytes/], ["=<b>y1</b>", /not expected: “<”/], ["=u1.Kp.constructor", /no signal/], ["=__proto__", /no signal/], ["=constructor(y1,y2)", /no signal/],
+  ];
+  for (const [text, why] of wrong) {
+    const one = calculated(text, plant.variables);
+    if (why.source === "^$") assert.equal(typeof one, "object", String(one));
+    else assert.match(String(one), why, text);
+  }
+});
+
+test("a calculated pen is in the link, and what is wrong with one leaves the others", () => {
+  const {names, window} = chosen("pens=y1, =mean(y1-y2, 60),=y1/y2;span=60", 0);
+  assert.deepEqual(names, ["y1", "=mean(y1-y2, 60)", "=y1/y2"]);
+  const {signals, faults} = found([...names, "=y1/y2", "=y1+"], plant);
+  assert.deepEqual([signals.map(one => one.ref), faults.length], [["sensor.1", "=mean(y1-y2,60)", "=y1/y2"], 1]);
+  assert.equal(pensAbout(signals.map(one => one.ref), window), "pens=sensor.1,=mean(y1-y2,60),=y1/y2;span=60");
+});
+
 test("percentiles count each value as long as it stood", () => {
-  const mid = [1, 5, null, 9];
-  const s = {t: [0, 90, 95, 100], low: mid, high: mid, mid};
+  const s = of([0, 90, 95, 100], [1, 5, null, 9]);
   assert.deepEqual(percentiles(s, 0, 95, [5, 50, 95]), [1, 1, 5]);
   assert.deepEqual(percentiles(s, 80, 100, [5, 50, 95]), [1, 1, 5]);
   assert.deepEqual(percentiles(s, 95, 99, [50]), [null]);

@@ -233,6 +233,25 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   await click(button("View as table"));
   assert.match(said("table.data thead"), /time y2 \[m\] y1 \[m\]/);
   assert.match(said("table.data tbody"), /4\.00.* 4\.00/);
+  // One that is calculated
+  await type(".pen-search input", "=y2-");
+  assert.equal(said(".pen-search .say"), "=y2-: not expected: “”; there are + - * / ( ) and mean(y1,60)");
+  assert.equal(said(".matches"), "");
+  await type(".pen-search input", "=2*y2 - y1");
+  assert.equal(said(".pen-search .say"), "Enter adds the first");
+  assert.equal(said(".matches"), "2*y2-y1 [m] =2*y2-y1");
+  await submit(".pen-search");
+  assert.match(hash(), /^#trend\/pens=y2,y1,%3D2\*y2-y1;span=600;to=|^#trend\/pens=y2,y1,=2\*y2-y1;span=600;to=/);
+  await show(hash().slice(1));
+  for (let i = 0; i < 100 && !said(".pens tbody tr:nth-child(3)").includes("4.00"); i++) {
+    await env.pass(0.1);
+    await settle();
+  }
+  assert.match(said(".readout"), /2\*y2-y1/);
+  assert.match(said(".pens tbody tr:nth-child(3)"), /^2\*y2-y1 m .* 4\.00/);
+  await click(button("View as table"));
+  assert.match(said("table.data thead"), /time y2 \[m\] y1 \[m\] 2\*y2-y1 \[m\]/);
+  await click(button("View as table"));
   // What a link gets wrong
   await show("trend/pens=y2,nobody,y2;span=-1;colour=red;to=never");
   assert.equal(said(".complaint"), "“span=-1” is no span between 1 s and 31 d: these are 10 min. | “colour=red” of the link means nothing here. | “to=never” is no time before now: this is live. | tanks has no signal nobody.");

@@ -14,6 +14,13 @@ export function boundOf(variable: Variable): number {
   return limit(variable);
 }
 
+/** Until when what a curve has last stands: not longer than anybody has said so. */
+export function knownTo(variable: Variable, {t}: Series): number {
+  const [before, last] = t.slice(-2) as [number, number?];
+  const end = last ?? before;
+  return end + Math.max(boundOf(variable), 2 * (end - before));
+}
+
 /** Does a value hold until the next one? Measurements do not. */
 export function holds(variable: Variable): boolean {
   return variable.table !== "sensor";

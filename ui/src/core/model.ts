@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Everything the page knows, and the one place where messages of the stream change it.
+import {calculation} from "./calculated";
 import {type Alarm, bandsOf, bySignal, ranked, type Standing, taken} from "./alarms";
 import {get, post, session as askSession, whenLoggedOut} from "./api";
 import {Cell} from "./cell";
@@ -107,7 +108,7 @@ export function inShadow(loop: Pick<Loop, "controller">): boolean {
 }
 
 export function variable(ref: Ref | null): Variable | null {
-  return ref ? (variables.get(ref) ?? null) : null;
+  return ref ? (variables.get(ref) ?? calculation(ref)?.variable ?? null) : null;
 }
 
 /** Between which a value is as it should be: its own limits, else a measurement's are those of its setpoint. */

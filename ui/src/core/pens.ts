@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A trend of any signals: its link, what it shows of them, what a search for more finds. Pure.
+import {calculated, isCalculated} from "./calculated";
 import {duration, exact} from "./format";
 import {placeOf} from "./place";
 import type {Plant, Ref, Variable} from "./types";
@@ -20,6 +21,20 @@ export function isPens(about: string | null): boolean {
   return about?.startsWith(BEGIN) === true;
 }
 
+/** Commas within brackets are of an expression. */
+function namesIn(text: string): string[] {
+  const names = [""];
+  let depth = 0;
+  for (const sign of text) {
+    if (names.at(-1)?.trimStart().startsWith("=")) depth += Number(sign === "(") - Number(sign === ")");
+    if (sign === "," && depth <= 0) {
+      names.push("");
+      depth = 0;
+    } else names[names.length - 1] += sign;
+  }
+  return names;
+}
+
 /** Of `pens=y1,u1;span=600` or `pens=y1;span=60;to=1763730000`: anybody may have written it. */
 export function chosen(about: string, now: number): Chosen {
   const window: Window = {live: true, span: 600, to: now};
@@ -37,7 +52,7 @@ export function chosen(about: string, now: number): Chosen {
     else if (name === "to") faults.push(tr("link.to", {part}));
     else faults.push(tr("link.nothing", {part}));
   }
-  const all = [...new Set(names.split(",").map(one => one.trim()).filter(one => one !== ""))];
+  const all = [...new Set(namesIn(names).map(one => one.trim()).filter(one => one !== ""))];
   if (all.length > MOST_PENS) faults.push(tr("link.tooMany", {most: MOST_PENS, n: all.length}));
   return {names: all.slice(0, MOST_PENS), window, faults};
 }
@@ -62,7 +77,7 @@ export function signal(name: string, all: Variable[]): Variable | null {
 
 /** As a link names it: by name, where that is enough. */
 export function nameOf(one: Variable, all: Variable[]): string {
-  return /^[^,;=/%]+$/.test(one.name) && signal(one.name, all) === one ? one.name : one.ref;
+  return !isCalculated(one.ref) && /^[^,;=/%]+$/.test(one.name) && signal(one.name, all) === one ? one.name : one.ref;
 }
 
 /** Those of the names that there are, and what is wrong with the others. */
@@ -70,8 +85,13 @@ export function found(names: string[], p: Plant): {signals: Variable[]; faults: 
   const signals: Variable[] = [];
   const faults: string[] = [];
   for (const name of names) {
-    const one = signal(name, p.variables);
-    if (one && !signals.includes(one)) signals.push(one);
+    const made = isCalculated(name) ? calculated(name, p.variables) : null;
+    if (typeof made === "string") {
+      faults.push(made);
+      continue;
+    }
+    const one = made?.variable ?? signal(name, p.variables);
+    if (one && !signals.some(other => other.ref === one.ref)) signals.push(one);
     else if (!one) faults.push(p.variables.some(other => other.name === name) ? tr("link.several", {name}) : tr("link.none", {plant: p.name, name}));
   }
   return {signals, faults};

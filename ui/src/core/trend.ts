@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What a trend shows: panels over one time axis. Of a loop the measurement with its setpoint, and below the output with what
 // controllers in shadow would put out; or any signals, a panel for each unit.
+import {calculation, isCalculated} from "./calculated";
 import type {Cell} from "./cell";
 import {Curve} from "./curve";
-import {binWidth, boundOf, holds} from "./history";
+import {binWidth, holds, knownTo} from "./history";
 import {loopScale, trendScale} from "./loopdata";
 import {connection, inShadow, knownUntil, live, variable} from "./model";
 import {exact} from "./format";
 import {byUnit} from "./pens";
 import {extent, niceScale, type Scale} from "./scale";
-import {empty, held, type Series, type Stood, stoodAt, trim, visible} from "./series";
+import {empty, held, type Series, type Stood, stoodAt, trim, valueAt, visible} from "./series";
 import type {Loop, Plant, Ref, Variable} from "./types";
 import {tr} from "./texts";
 
@@ -114,14 +115,17 @@ const MOST_POINTS = 8000;
 /** The curves of a window, and what keeps them up. */
 export class Curves {
   private readonly of: Curve[];
+  private readonly back: number; // s before a window that calculated ones need
+  private readonly made = new Map<Ref, {of: string; sources: Series[]; series: Series}>();
 
   constructor(readonly subject: Subject) {
-    this.of = refsIn(subject).flatMap(ref => {
-      const one = variable(ref);
-      return one ? [new Curve(one)] : [];
-    });
+    const refs = refsIn(subject);
+    const asked = refs.flatMap(ref => calculation(ref)?.sources ?? variable(ref) ?? []);
+    this.of = [...new Set(asked)].map(one => new Curve(one));
+    this.back = Math.max(0, ...refs.map(ref => calculation(ref)?.back ?? 0));
   }
 
+  /** What the server is asked for. */
   get variables(): Variable[] {
     return this.of.map(one => one.variable);
   }
@@ -135,6 +139,15 @@ export class Curves {
   }
 
   series(ref: Ref): Series {
+    const of = calculation(ref);
+    if (of) {
+      const sources = of.sources.map(one => this.drawn(one.ref));
+      const now = sources.map(({t}) => `${t.length} ${t[0]} ${t.at(-1)}`).join();
+      let made = this.made.get(ref);
+      if (made?.of !== now || sources.some((one, i) => one.mid !== made?.sources[i]?.mid))
+        this.made.set(ref, (made = {of: now, sources, series: of.series(source => sources[of.sources.findIndex(one => one.ref === source)] as Series)}));
+      return made.series;
+    }
     return this.of.find(one => one.variable.ref === ref)?.series ?? empty();
   }
 
@@ -142,7 +155,7 @@ export class Curves {
   drawn(ref: Ref): Series {
     const series = this.series(ref);
     const one = variable(ref);
-    const sure = one != null && holds(one) && connection.value.state === "connected" && !live(ref).value.stale;
+    const sure = one != null && !isCalculated(ref) && holds(one) && connection.value.state === "connected" && !live(ref).value.stale;
     return sure ? held(series, knownUntil()) : series;
   }
 
@@ -154,14 +167,12 @@ export class Curves {
   /** The same, with between what it moved where that is of a bin. */
   around(ref: Ref, t: number): Stood | null {
     const series = this.drawn(ref);
-    const [before, last] = series.t.slice(-2) as [number, number?];
     const one = variable(ref);
-    const end = last ?? before;
-    return one == null || t > end + Math.max(boundOf(one), 2 * (end - before)) ? null : stoodAt(series, t);
+    return one == null || t > knownTo(one, series) ? null : stoodAt(series, t);
   }
 
   fill(from: number, to: number, pixels: number, following: boolean, changed: () => void): void {
-    for (const one of this.of) one.fill(from, to, pixels, following, changed);
+    for (const one of this.of) one.fill(from - this.back, to, pixels, following, changed);
   }
 
   /** Of a live window that begins at `from`. Returns whether it has too many points and has to be asked for anew;
@@ -170,7 +181,7 @@ export class Curves {
     const one = this.of.find(curve => curve.variable.ref === ref);
     if (!one) return null;
     one.take(t, value, status, -Infinity);
-    if (one.series.t.length > MOST_POINTS) trim(one.series, from);
+    if (one.series.t.length > MOST_POINTS) trim(one.series, from - this.back);
     return one.series.t.length > MOST_POINTS && !this.loading;
   }
 
@@ -198,7 +209,10 @@ export class Curves {
 
   /** What a table of such a window has of each: samples, or bins, how wide those are that are there, and between what it moved in them. */
   columns(from: number, to: number): Column[] {
-    return this.of.flatMap(({variable: one, series: {t, low, high}, drawnFor: {span, pixels}}) => {
+    return refsIn(this.subject).flatMap(ref => {
+      const asked = this.of.find(({variable: {ref: other}}) => other === ref);
+      if (!asked) return calculation(ref) ? [{ref, head: describe(variable(ref)), at: valueAt}] : [];
+      const {variable: one, series: {t, low, high}, drawnFor: {span, pixels}} = asked;
       const binned = low.some((least, i) => least !== high[i] && (t[i] as number) >= from && (t[i] as number) <= to); // more samples than its period says
       const width = binWidth(one, span, pixels) || (binned ? span / pixels : 0);
       const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});

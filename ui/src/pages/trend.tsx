@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
 import {useEffect, useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
+import {isCalculated} from "../core/calculated";
 import {Cell} from "../core/cell";
 import {env, every} from "../core/env";
 import {useCell} from "../usecell";
@@ -132,7 +133,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const state = useRef({win, scales, unscaled, reference, marks, expected});
   state.current = {win, scales, unscaled, reference, marks, expected};
   const beyond = useRef(false);
-  const counted = subject.lead ?? refsIn(subject)[0];
+  const counted = subject.lead ?? curves.variables[0]?.ref;
 
   const seen = ({win: w, scales: s, reference: at, marks: of, expected: plans}: typeof state.current): TrendData => {
     const [begin, end] = bounds(w, shownNow());
@@ -430,7 +431,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       )}
       {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => told(row.ref, value))])} />}
       {table && shownMarks.length > 0 && <Table caption={tr("trend.eventsCaption", {zone})} head={[tr("trend.time"), tr("trend.event")]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
-      <SignalsOf names={[...new Set(refsIn(subject).flatMap(ref => variable(ref)?.name ?? []))]} bounds={() => bounds(win, shownNow())} />
+      <SignalsOf names={[...new Set(refsIn(subject).flatMap(ref => (isCalculated(ref) ? [] : (variable(ref)?.name ?? []))))]} bounds={() => bounds(win, shownNow())} />
       {pens && <PenTable subject={subject} curves={curves} win={win} cursor={cursor} reference={reference} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );
@@ -451,6 +452,11 @@ function earlierOf(span: number, compare: number, runs: {name: string; by: numbe
 }
 
 const PARTS = [5, 50, 95] as const;
+
+/** What is calculated is told by nobody: it is what the curve says. */
+function Current({of, curves}: {of: Ref; curves: Curves}): JSX.Element {
+  return isCalculated(of) ? <b>{told(of, curves.at(of, shownNow()))}</b> : <Value of={of} />;
+}
 
 /** The signals of this trend, and how they were in its window; with a second cursor, between both, as the first last stood. */
 function PenTable({subject, curves, win, cursor, reference, remove}: {subject: Subject; curves: Curves; win: Window; cursor: Cell<number | null>; reference: number | null; remove: (ref: Ref) => void}): JSX.Element {
@@ -486,7 +492,7 @@ function PenTable({subject, curves, win, cursor, reference, remove}: {subject: S
                 <th scope="row"><Stroke pen={pen} /> <Tag name={one?.name} /></th>
                 <td data-label={tr("common.unit")}>{one?.unit}</td>
                 <td class="wide" data-label={tr("common.description")}>{one?.description}</td>
-                <td class="number" data-label={tr("trend.current")}><Value of={pen.ref} /></td>
+                <td class="number" data-label={tr("trend.current")}><Current of={pen.ref} curves={curves} /></td>
                 <td class="number" data-label={tr("trend.min")}>{told(pen.ref, min)}</td>
                 <td class="number" data-label={tr("trend.mean")}>{number(mean, decimals(pen.ref))}</td>
                 <td class="number" data-label={tr("trend.max")}>{told(pen.ref, max)}</td>
@@ -524,12 +530,11 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
     return trajectory && when <= trajectory.made + horizon([trajectory]) ? valueAt(trajectorySeries(trajectory), when) : null;
   };
   const difference = (ref: Ref): string => {
-    const [a, b] = [reference == null ? null : at(ref, reference), t == null ? live(ref).value.value : at(ref, t)];
+    const [a, b] = [reference == null ? null : at(ref, reference), t != null ? at(ref, t) : isCalculated(ref) ? at(ref, shownNow()) : live(ref).value.value];
     return a == null || b == null ? missing : `${b >= a ? "+" : ""}${told(ref, b - a)}`;
   };
   const hit = t == null ? [] : near(marks(), t, reach);
-  const lead = subject.lead ?? refsIn(subject)[0];
-  useCell(live(lead as Ref));
+  useCell(live((subject.lead ?? curves.variables[0]?.ref) as Ref));
   return (
     <div class="readout">
       <span class="at">{t == null ? tr("trend.now") : coming ? tr("trend.predicted", {time: when(t, 1)}) : when(t, 1)}</span>
@@ -538,7 +543,7 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
         const bin = t == null || coming ? null : curves.around(pen.ref, t);
         return (
           <span key={pen.ref} class="item">
-            <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Value of={pen.ref} /> : <b title={then == null ? undefined : exact(then)}>{then == null ? missing : told(pen.ref, then)}</b>}
+            <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Current of={pen.ref} curves={curves} /> : <b title={then == null ? undefined : exact(then)}>{then == null ? missing : told(pen.ref, then)}</b>}
             {bin && bin.low < bin.high && <span class="say between"> {tr("value.range", {low: told(pen.ref, bin.low), high: told(pen.ref, bin.high)})}</span>}
           </span>
         );

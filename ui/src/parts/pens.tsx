@@ -2,6 +2,7 @@
 // Choosing signals, and how each is drawn.
 import type {JSX} from "preact";
 import {useState} from "preact/hooks";
+import {calculated, isCalculated} from "../core/calculated";
 import {matching, MOST_PENS} from "../core/pens";
 import type {Pen} from "../core/trend";
 import type {Plant, Variable} from "../core/types";
@@ -20,7 +21,9 @@ export function Stroke({pen}: {pen: Pick<Pen, "colour" | "dash">}): JSX.Element 
 export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[]; add: (one: Variable) => void}): JSX.Element {
   const [text, setText] = useState("");
   const full = there.length >= MOST_PENS;
-  const matches = full ? [] : matching(text, plant, there);
+  const made = !full && isCalculated(text.trim()) ? calculated(text.trim(), plant.variables) : null;
+  const matches = full ? [] : made == null ? matching(text, plant, there) : typeof made === "string" || there.some(one => one.ref === made.variable.ref) ? [] : [made.variable];
+  const found = (): string => (matches.length > 0 ? tr("parts.enterAdds") : typeof made === "string" ? made : tr(made || matching(text, plant, []).length > 0 ? "parts.thereAlready" : "parts.noSignalCalled", {text: text.trim()}));
   const take = (one: Variable): void => {
     setText("");
     add(one);
@@ -38,7 +41,7 @@ export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[];
         {tr("parts.addSignal")} <input type="search" size={28} value={text} disabled={full} placeholder={tr("parts.searchIn")} onInput={event => setText(event.currentTarget.value)} />
       </label>{" "}
       <span class="say" role="status">
-        {full ? tr("parts.signalsMost", {most: MOST_PENS}) : text.trim() === "" ? "" : matches.length === 0 ? (matching(text, plant, []).length > 0 ? tr("parts.thereAlready") : tr("parts.noSignalCalled", {text: text.trim()})) : tr("parts.enterAdds")}
+        {full ? tr("parts.signalsMost", {most: MOST_PENS}) : text.trim() === "" ? "" : found()}
       </span>
       {matches.length > 0 && (
         <ul class="matches">
