@@ -39,12 +39,13 @@ test("a group takes the place of the one that had its name, and there are not to
 
 test("marks are what somebody did, modes, alarms and warnings, of the window", () => {
   const event = (time: number, kind: string, severity: 1 | 2 | 3 = 1): PlantEvent => ({time, severity, source: "anna", kind, text: "r1: 1 -> 2"});
-  const marks = marksOf([event(9, "operator"), event(10, "operator"), event(11, "law"), event(12, "law", 2), event(13, "alarm", 3), event(21, "mode")], [], 10, 20);
-  assert.deepEqual(marks.map(one => [one.t, one.priority]), [[10, null], [12, null], [13, null]]);
+  const marks = marksOf([event(9, "operator"), event(10, "operator"), event(11, "law"), event(12, "law", 2), event(13, "alarm", 3), {...event(14, "log"), text: "<b>pump</b> swapped"}, {...event(15, "handover"), text: "read"}, event(21, "mode")], [], 10, 20);
+  assert.deepEqual(marks.map(one => [one.t, one.priority]), [[10, null], [12, null], [13, null], [14, null], [15, null]]);
   assert.equal(marks[0]?.text, "anna: r1: 1 → 2");
+  assert.equal(marks[3]?.text, "anna: <b>pump</b> swapped", "as it was entered");
   assert.deepEqual(near(marks, 12.4, 1).map(one => one.t), [12, 13]);
   assert.deepEqual(near(marks, 12.6, 1).map(one => one.t), [13, 12]);
-  assert.deepEqual(near(marks, 15, 1), []);
+  assert.deepEqual(near(marks, 17, 1), []);
 });
 
 // Promise(page): An alarm has the shape and colour of its priority in trends and among events too, whatever the

@@ -10,9 +10,9 @@ export interface Mark {
   text: string;
 }
 
-const KINDS = ["operator", "mode", "alarm", "start", "stop", "watchdog", "link", "store", "clock"];
+const KINDS = ["log", "handover", "operator", "mode", "alarm", "start", "stop", "watchdog", "link", "store", "clock"];
 
-/** What somebody did, modes, alarms, and what is worth a warning, of a window. */
+/** What somebody did or entered in the log book, modes, alarms, and what is worth a warning, of a window. */
 export function marksOf(events: PlantEvent[], alarms: AlarmIs[], from: number, to: number): Mark[] {
   return events
     .filter(one => one.time >= from && one.time <= to && (one.severity > 1 || KINDS.includes(one.kind)))
