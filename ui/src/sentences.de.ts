@@ -163,7 +163,7 @@ export const sentences: Record<string, string> = {
   "the database does not permit it: {}": "die Datenbank erlaubt das nicht: {1}",
   "the database refused it: {}": "die Datenbank hat es abgelehnt: {1}",
   "the database did not answer: whether it was written is not known": "die Datenbank hat nicht geantwortet: ob geschrieben wurde, ist nicht bekannt",
-  "the database is a history, which no loop reads: write where the loop runs": "die Datenbank ist ein Archiv, das kein Regelkreis liest: dort schreiben, wo der Regelkreis läuft",
+  "the database is a history, which no loop reads: write to the live store": "die Datenbank ist ein Archiv, das kein Regelkreis liest: in den Live-Speicher schreiben",
   "the plant is not simulated: its time is real": "die Anlage wird nicht simuliert: ihre Zeit ist die wirkliche",
   "there is no fault {=} in the list": "in der Liste ist keine Störung {1}",
   "the plant is being rewound: do this again when that is done": "die Anlage wird gerade zurückgesetzt: danach wiederholen",

@@ -72,7 +72,7 @@ bool fault_history(struct request *r, struct apc_store *store)
         fault_store(r, history, store);
     if (history > 0)
         fault_set(&r->fault, 503, "store", NULL,
-                  "the database is a history, which no loop reads: write where the loop runs");
+                  "the database is a history, which no loop reads: write to the live store");
     return history != 0;
 }
 

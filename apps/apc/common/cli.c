@@ -276,8 +276,8 @@ int cli_live(const struct cli *cli, struct apc_store *store)
         return cli_store_error(cli, history, store);
     return history == 0 ? EXIT_OK
                         : cli_error(cli, APC_EPERM,
-                                    "the store is a history, which no loop reads: say it where the loop runs "
-                                    "(apc set, mode and tune ask its historian)");
+                                    "the store is a history, which no loop reads: write to the live store "
+                                    "instead (apc set, mode and tune ask its historian)");
 }
 
 int cli_open(const struct cli *cli, struct apc_store **store)

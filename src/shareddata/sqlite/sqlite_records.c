@@ -470,10 +470,11 @@ int apc_sqlite_check_live(struct apc_sqlite *sq)
 {
     const int history = find_kind(sq);
     return history > 0
-               ? apc_fail(&sq->base.why, APC_EPERM,
-                          "%s is a history, which no loop reads: say it where the loop runs, which a run's "
-                          "folder names while the run goes on",
-                          sq->given)
+               ? apc_fail(
+                     &sq->base.why, APC_EPERM,
+                     "%s is a history, which no loop reads: write to the live store instead; --store RUN "
+                     "leads there while the run goes on",
+                     sq->given)
                : history;
 }
 

@@ -202,8 +202,8 @@ listed '^flood8 +4 +RTN' || fail "flood8 was forgotten: $("$apc" alarm list)"
 sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
 rows() { sql "SELECT (SELECT count(*) FROM apc.alarm) + (SELECT count(*) FROM apc.event)"; }
 n=$(rows)
-expect 4 'is a history, which no loop reads: say it where the loop runs' "$apc" alarm ack flood8 --no-wait
-expect 4 'is a history, which no loop reads: say it where the loop runs' "$apc" alarm out flood8 --no-wait
+expect 4 'is a history, which no loop reads: write to the live store' "$apc" alarm ack flood8 --no-wait
+expect 4 'is a history, which no loop reads: write to the live store' "$apc" alarm out flood8 --no-wait
 [ "$(rows)" = "$n" ] || fail "what was refused was written"
 
 # ---- In memory, with the record in the run folder, and in a file: acknowledged as well, by one of two at once
