@@ -375,12 +375,21 @@ static int find_causes(const struct move *m, struct why *w)
     return 0;
 }
 
+/* It stands in the row itself, else in a row that that names. */
+static bool is_in_row(enum why_kind kind)
+{
+    return kind == WHY_MEASUREMENT || kind == WHY_DISTURBANCE;
+}
+
+/* At a limit each of several may take all of a move back: what was changed then comes before what was measured. */
 static int by_effect(const void *left, const void *right)
 {
     const struct why_cause *a = left, *b = right;
     const double x = fabs(a->effect), y = fabs(b->effect);
     if (x > y || x < y)
         return x > y ? -1 : 1;
+    if (is_in_row(a->kind) != is_in_row(b->kind))
+        return is_in_row(b->kind) ? -1 : 1;
     if (a->kind != b->kind)
         return a->kind < b->kind ? -1 : 1;
     return a->element < b->element ? -1 : a->element > b->element;
@@ -471,12 +480,6 @@ static int find_terms(const struct move *m, struct why *w)
 }
 
 /* ---- A tick that differs ---------------------------------------------------------------------- */
-
-/* It stands in the row itself, else in a row that that names. */
-static bool is_in_row(enum why_kind kind)
-{
-    return kind == WHY_MEASUREMENT || kind == WHY_DISTURBANCE;
-}
 
 /* Tick m->until, with these causes as the other of the two says. Does all of it come out? */
 static int compute_put_right(struct move *m, const struct why_cause *cause, size_t n, bool *made)

@@ -20,20 +20,52 @@ static const struct plant {
     double limit_low, limit_high;
     const char *tuning;
     double tuned;
+    const char *was, *is, *tuned_as; /* the law of the file, what stands for it, and for its tuning */
 } plants[] = {
-    {"pi", "first-order", "r", "u", "y", 10, 5, 25, 4, 20, 140, "u_max", -2, 0.8, "tau_i", 0.3},
+    {"pi", "first-order", "r", "u", "y", 10, 5, 25, 4, 20, 140, "u_max", -2, 0.8, "tau_i", 0.3, NULL, NULL,
+     NULL},
     {"pid", "quadruple-tank", "r1", "v1", "y1", 6.1315, 5, 7, 1, 20, 190, "v1.u_max", 0.5, 2.7, "v1.tau_i",
-     0.3},
-    {"lqg", "van-de-vusse", "cB_r", "F", "cB", 1.022, 0.95, 1.05, 0.1, 400, 1700, "F.u_max", 4, 7.5, NULL, 0},
+     0.3, NULL, NULL, NULL},
+    {"lqg", "van-de-vusse", "cB_r", "F", "cB", 1.022, 0.95, 1.05, 0.1, 400, 1700, "F.u_max", 4, 7.5, NULL, 0,
+     NULL, NULL, NULL},
     {"mpc", "quadruple-tank-mpc", "r1", "v1", "y1", 6.1315, 5, 7, 1, 20, 190, "v1.u_max", 0.5, 2.7,
-     "v1.move_suppression", 5},
+     "v1.move_suppression", 5, NULL, NULL, NULL},
     {"nmpc", "adiabatic-cstr-nmpc", "r", "F", "T", 38.6155, 30, 50, 5, 10, 140, "u_max", 200, 480,
-     "reference_weight", 1},
-    {APC_EXAMPLES_DIR "/mylaw.so", "first-order", "r", "u", "y", 10, 5, 25, 4, 20, 140, NULL, 0, 0, "tau_i",
-     0.3},
-    {"pi over pid", "two-layers", "w1", "upper.r1", "y1", 6.1315, 5, 7, 1, 20, 110, NULL, 0, 0, NULL, 0},
+     "reference_weight", 1, NULL, NULL, NULL},
+    {"mylaw.so", "first-order", "r", "u", "y", 10, 5, 25, 4, 20, 140, NULL, 0, 0, "tau_i", 0.3,
+     "law = \"pi\"", "law = \"" APC_EXAMPLES_DIR "/mylaw.so\"", "Kp = 0.2; tau_i = 10.0;"},
+    {"mylaw.py", "first-order", "r", "u", "y", 10, 5, 25, 4, 20, 140, NULL, 0, 0, "tau_i", 0.3,
+     "law = \"pi\"", "law = \"" APC_SOURCE_DIR "/examples/python/mylaw.py\"", "Kp = 0.2; tau_i = 10.0;"},
+    {"cascade", "double-tank", "r", "u", "h2", 0.18, 0.12, 0.25, 0.02, 20, 45, "inner_u_max", 2, 9, NULL, 0,
+     NULL, NULL, NULL},
+    {"feed-forward", "double-tank", "r", "u", "h1", 0.18, 0.12, 0.25, 0.02, 20, 45, "u_max", 2, 9, "tau_i",
+     0.5, "controller = {\n  law = \"cascade\";",
+     "controllers = ( { name = \"fed\"; law = \"pid\"; settings = { feed_forward = [2]; }; measurements = "
+     "[\"h2\"]; disturbances = [\"h1\"]; setpoints = [\"r\"]; outputs = [\"u\"];",
+     "Kp = 60.0; tau_i = 8.0; u_bar = 10.0; Kff = -5.0; } ); } );"},
+    {"filter", "first-order", NULL, "u", "y", 0, 0, 0, 4, 20, 140, NULL, 0, 0, NULL, 0, "law = \"pi\"",
+     "law = \"filter\"", "tau = 5.0;"},
+    {"leadlag", "first-order", NULL, "u", "y", 0, 0, 0, 4, 20, 140, "bias", 2, 8, NULL, 0, "law = \"pi\"",
+     "law = \"leadlag\"", "K = -0.1; T_lead = 5.0; T_lag = 20.0;"},
+    {"split", "first-order", NULL, "u", "y", 0, 0, 0, 4, 20, 140, "u_to", 2, 8, NULL, 0, "law = \"pi\"",
+     "law = \"split\"", "from = -50.0; to = 50.0; u_from = 4.0; u_to = -4.0;"},
+    {"select", "first-order", NULL, "u", "y", 0, 0, 0, 4, 20, 140, NULL, 0, 0, NULL, 0, "law = \"pi\"",
+     "law = \"select\"; settings = { select = \"low\"; }", ""},
+    {"ramp", "first-order", "r", "u", NULL, 10, -8, 9, 0, 40, 140, "z_max", -8, 8, NULL, 0, "law = \"pi\"",
+     "law = \"ramp\"", "rate = 0.5;"},
+    {"pi over pid", "two-layers", "w1", "upper.r1", "y1", 6.1315, 5, 7, 1, 20, 110, NULL, 0, 0, NULL, 0, NULL,
+     NULL, NULL},
+    {"pid under pi", "two-layers", "w1", "v1", "y1", 6.1315, 5, 7, 1, 20, 110, NULL, 0, 0, NULL, 0, NULL,
+     NULL, NULL},
 };
 #define PLANTS (sizeof plants / sizeof *plants)
+
+#define TUNING_OF_PI "Kp = 0.2; tau_i = 10.0; u_bar = 0.0;"
+#define TUNING_OF_CASCADE                                                                                    \
+    "outer_Kp = 1.3; outer_tau_i = 4.0; outer_b = 0.9; outer_u_bar = 0.12707; "                              \
+    "outer_u_min = 0.0; outer_u_max = 0.4;\n               "                                                 \
+    "inner_Kp = 85.0; inner_tau_i = 5.0; inner_u_bar = 10.0; inner_u_min = 0.0; inner_u_max = 13.0; } "      \
+    ");\n};"
 
 static struct replay replay;
 static struct why answer;
@@ -111,31 +143,6 @@ static void explain(const char *loop, double from, double until)
         fail_msg("%s at %g s: %s", loop, until, why.text);
 }
 
-/* The tick alone that is the first after @p time. */
-static void explain_after(const char *loop, double time)
-{
-    explain(loop, time, time + apc_ns_to_s(replay.controller->of->rhythm.period));
-}
-
-/* What the loop put out at the same tick of another run. */
-static double output_in(const char *name, const char *more, double duration)
-{
-    struct experiment e;
-    struct simulation s;
-    struct ticks ticks;
-    load_experiment(&e, name, more);
-    assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
-    assert_int_equal(simulation_run(&s, duration), 0);
-    assert_int_equal(ticks_load(&ticks, s.store, APC_TICK, answer.by->of->number, 0), 0);
-    const struct tick_row *at = ticks_find(&ticks, answer.tick->seq);
-    assert_non_null(at);
-    const double u = ticks.value[at->first + answer.by->core->offset[APC_TICK_U] + answer.element];
-    ticks_free(&ticks);
-    simulation_destroy(&s);
-    experiment_free(&e);
-    return u;
-}
-
 static const struct why_cause *cause_named(enum why_kind kind, const char *name)
 {
     for (size_t i = 0; i < answer.n; i++)
@@ -175,35 +182,6 @@ static double between(uint64_t *seed, double low, double high)
     return low + (high - low) * (double)(*seed >> 11) * 0x1p-53;
 }
 
-/* ---- Tests ----------------------------------------------------------------------------------- */
-
-/*
- * Promise(simulation/why-output-moved): The inputs that moved an output are named with their effects, the one
- *   that moved it most first: what the output lacks, bit for bit, in a run without the change. A row's author and
- *   the loop above are told. A tick that does not come out of its record again is not explained.
- */
-static void an_effect_is_what_a_run_without_the_cause_lacks(void **state)
-{
-    uint64_t seed = 1;
-    (void)state;
-    for (size_t p = 0; p < 5; p++)
-        for (int i = 0; i < 4; i++) {
-            const struct plant *of = &plants[p];
-            const double at = between(&seed, of->begin, of->end), to = between(&seed, of->low, of->high);
-            char more[200];
-            snprintf(more, sizeof more, "actions = ( { at = %.3f; set = \"%s\"; value = %.17g; } );", at,
-                     of->setpoint, to);
-            make_run(of->name, more, of->end + 50);
-            explain_after(of->loop, at);
-            const struct why_cause *cause = cause_named(WHY_SETPOINT, of->setpoint);
-            assert_non_null(cause);
-            assert_true(is_first(WHY_SETPOINT, of->setpoint));
-            assert_true(cause->now == to);
-            assert_true(cause->effect == answer.u - output_in(of->name, "", of->end + 50));
-            assert_whole();
-        }
-}
-
 /* ---- Causes that are put in ------------------------------------------------------------------- */
 
 /* One is put in at a random time of a quiet loop, or of one that a step of its setpoint moves; and the name that has
@@ -212,8 +190,15 @@ struct injection {
     enum why_kind kind;
     const char *input;
     double from, until;
+    bool fault;                  /* of its measurement, not an action */
     char before[200], more[300]; /* what is done before it; it */
 };
+
+/* At no tick: each is at a whole number of milliseconds. */
+static double off_grid(uint64_t *seed, const struct plant *of)
+{
+    return floor(1e3 * between(seed, of->begin, of->end)) / 1e3 + 5e-4;
+}
 
 /* At least a tenth of the way from low to high away from @p rest. */
 static double apart(uint64_t *seed, double rest, double low, double high)
@@ -227,71 +212,100 @@ static double apart(uint64_t *seed, double rest, double low, double high)
 
 static void step_before(struct injection *in, const struct plant *of, double at, uint64_t *seed)
 {
-    snprintf(in->before, sizeof in->before, "{ at = %.3f; set = \"%s\"; value = %.17g; }, ", at, of->setpoint,
+    snprintf(in->before, sizeof in->before, "{ at = %.4f; set = \"%s\"; value = %.17g; }, ", at, of->setpoint,
              apart(seed, of->rest, of->low, of->high));
 }
 
 static void inject_setpoint(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end);
+    const double at = off_grid(seed, of);
     *in = (struct injection){.kind = WHY_SETPOINT, .input = of->setpoint, .from = at, .until = at + period};
-    snprintf(in->more, sizeof in->more, "{ at = %.3f; set = \"%s\"; value = %.17g; }", at, of->setpoint,
+    snprintf(in->more, sizeof in->more, "{ at = %.4f; set = \"%s\"; value = %.17g; }", at, of->setpoint,
              apart(seed, of->rest, of->low, of->high));
+}
+
+static enum why_kind measured_as(const struct plant *of)
+{
+    return of->is && strstr(of->is, "disturbances") ? WHY_DISTURBANCE : WHY_MEASUREMENT;
 }
 
 static void inject_sensor_fault(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end), size = of->off * between(seed, 0.2, 2);
-    *in = (struct injection){
-        .kind = WHY_MEASUREMENT, .input = of->measurement, .from = at, .until = at + 2 * period};
+    const double at = off_grid(seed, of), size = of->off * between(seed, 0.2, 2);
+    *in = (struct injection){.kind = measured_as(of),
+                             .input = of->measurement,
+                             .from = at,
+                             .until = at + 2 * period,
+                             .fault = true};
     snprintf(in->more, sizeof in->more,
-             "faults = ( { kind = \"drift\"; at = %.3f; duration = %g; size = %.17g; } );", at, 2 * period,
+             "faults = ( { kind = \"drift\"; at = %.4f; duration = %g; size = %.17g; } );", at, 2 * period,
              (between(seed, -1, 1) < 0 ? -size : size) / period);
+}
+
+/* Its measurement is not to be had while a setpoint moves the output. */
+static void inject_dropout(struct injection *in, const struct plant *of, double period, uint64_t *seed)
+{
+    const double at = off_grid(seed, of);
+    *in = (struct injection){.kind = WHY_MEASUREMENT,
+                             .input = of->measurement,
+                             .from = at,
+                             .until = at + 3 * period,
+                             .fault = true};
+    step_before(in, of, at - 1.5 * period, seed);
+    snprintf(in->more, sizeof in->more, "faults = ( { kind = \"dropout\"; at = %.4f; } );", at);
 }
 
 static void inject_limit(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end);
+    const double at = off_grid(seed, of);
     *in = (struct injection){.kind = WHY_TUNING, .input = of->limit, .from = at, .until = at + period};
-    snprintf(in->more, sizeof in->more, "{ at = %.3f; set = \"%s\"; value = %.17g; }", at, of->limit,
+    snprintf(in->more, sizeof in->more, "{ at = %.4f; set = \"%s\"; value = %.17g; }", at, of->limit,
              between(seed, of->limit_low, of->limit_high));
 }
 
 static void inject_tuning(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end);
+    const double at = off_grid(seed, of);
     *in = (struct injection){
         .kind = WHY_TUNING, .input = of->tuning, .from = at, .until = at + (of->tuned < 1 ? 2 : 1) * period};
     step_before(in, of, at - 1.5 * period, seed);
-    snprintf(in->more, sizeof in->more, "{ at = %.3f; set = \"%s\"; value = %.17g; }", at, of->tuning,
+    snprintf(in->more, sizeof in->more, "{ at = %.4f; set = \"%s\"; value = %.17g; }", at, of->tuning,
              of->tuned * between(seed, 0.8, 1.2));
 }
 
 static void inject_mode(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end);
+    const double at = off_grid(seed, of);
     *in = (struct injection){.kind = WHY_MODE, .from = at, .until = at + 3 * period};
     step_before(in, of, at - 1.5 * period, seed);
-    snprintf(in->more, sizeof in->more, "{ at = %.3f; mode = \"%s\"; value = \"Man\"; }", at, of->loop);
+    snprintf(in->more, sizeof in->more, "{ at = %.4f; mode = \"%s\"; value = \"Man\"; }", at, of->loop);
 }
 
 static void inject_manual(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end);
+    const double at = off_grid(seed, of);
     *in = (struct injection){.kind = WHY_MANUAL, .from = at, .until = at + period};
-    snprintf(in->before, sizeof in->before, "{ at = %.3f; mode = \"%s\"; value = \"Man\"; }, ",
+    snprintf(in->before, sizeof in->before, "{ at = %.4f; mode = \"%s\"; value = \"Man\"; }, ",
              at - 4 * period, of->loop);
-    snprintf(in->more, sizeof in->more, "{ at = %.3f; set = \"%s\"; value = %.17g; }", at, of->loop,
+    snprintf(in->more, sizeof in->more, "{ at = %.4f; set = \"%s\"; value = %.17g; }", at, of->loop,
              between(seed, of->limit_low, of->limit_high));
 }
 
 /* The loop below is not to be had while a setpoint moves the one above. */
 static void inject_below(struct injection *in, const struct plant *of, double period, uint64_t *seed)
 {
-    const double at = between(seed, of->begin, of->end);
+    const double at = off_grid(seed, of);
     *in = (struct injection){.kind = WHY_BELOW, .input = "r1", .from = at, .until = at + 3 * period};
     step_before(in, of, at - 1.5 * period, seed);
-    snprintf(in->more, sizeof in->more, "{ at = %.3f; mode = \"v1\"; value = \"Man\"; }", at);
+    snprintf(in->more, sizeof in->more, "{ at = %.4f; mode = \"v1\"; value = \"Man\"; }", at);
+}
+
+/* What the loop above makes of a step is the setpoint of this one. */
+static void inject_above(struct injection *in, const struct plant *of, double period, uint64_t *seed)
+{
+    inject_setpoint(in, of, period, seed);
+    in->input = "r1";
+    in->until += 0.5;
 }
 
 typedef void inject(struct injection *in, const struct plant *of, double period, uint64_t *seed);
@@ -299,18 +313,24 @@ static const struct {
     const char *name;
     inject *make;
 } causes[] = {{"setpoint", inject_setpoint}, {"sensor fault", inject_sensor_fault},
-              {"limit", inject_limit},       {"tuning", inject_tuning},
-              {"mode", inject_mode},         {"manual output", inject_manual},
-              {"loop below", inject_below}};
+              {"dropout", inject_dropout},   {"limit", inject_limit},
+              {"tuning", inject_tuning},     {"mode", inject_mode},
+              {"manual", inject_manual},     {"loop below", inject_below},
+              {"loop above", inject_above}};
 #define CAUSES (sizeof causes / sizeof *causes)
 
 static bool has_cause(const struct plant *of, inject *make)
 {
-    const bool layers = !strcmp(of->name, "two-layers");
-    return layers                                          ? make == inject_below || make == inject_setpoint
-           : make == inject_limit || make == inject_manual ? of->limit != NULL
-           : make == inject_tuning                         ? of->tuning != NULL
-                                                           : make != inject_below;
+    if (!strcmp(of->loop, "upper.r1"))
+        return make == inject_below || make == inject_setpoint;
+    if (!strcmp(of->name, "two-layers"))
+        return make == inject_above;
+    return make == inject_limit || make == inject_manual ? of->limit != NULL
+           : make == inject_tuning                       ? of->tuning != NULL
+           : make == inject_sensor_fault                 ? of->measurement != NULL
+           : make == inject_dropout ? of->setpoint && of->measurement && measured_as(of) == WHY_MEASUREMENT
+           : make == inject_setpoint || make == inject_mode ? of->setpoint != NULL
+                                                            : false;
 }
 
 /* The experiment of a law, with a fault of its measurement, or "". */
@@ -318,54 +338,99 @@ static void put_in(const struct plant *of, const char *fault)
 {
     static char name[40];
     memset(instead, 0, sizeof instead);
-    snprintf(name, sizeof name, "name = \"%s\";", of->measurement);
-    instead[0].from = name;
-    snprintf(instead[0].to, sizeof instead[0].to, "%s %s", name, fault);
-    if (of->law[0] == '/') {
-        instead[1].from = "law = \"pi\"";
-        snprintf(instead[1].to, sizeof instead[1].to, "law = \"%s\"", of->law);
-        instead[2].from = " u_bar = 0.0;";
+    if (of->measurement) {
+        snprintf(name, sizeof name, "name = \"%s\";", of->measurement);
+        instead[0].from = name;
+        snprintf(instead[0].to, sizeof instead[0].to, "%s %s", name, fault);
+    }
+    if (of->is) {
+        instead[1].from = of->was;
+        snprintf(instead[1].to, sizeof instead[1].to, "%s", of->is);
+        instead[2].from = !strcmp(of->name, "first-order") ? TUNING_OF_PI : TUNING_OF_CASCADE;
+        snprintf(instead[2].to, sizeof instead[2].to, "%s", of->tuned_as);
     }
 }
 
-/* Is the cause that is put in named first? Another one is where that one moves nothing, as at a limit. */
+/* From the same ticks of the run and of its twin, which lacks the cause until an output differs: the tick at which it
+ * does. The other inputs are the same until then, so that all that differs is the cause's. */
+static void assert_effect_is_what_a_twin_lacks(const struct plant *of, const struct injection *in,
+                                               const struct replay *twin)
+{
+    const size_t number = (size_t)(answer.by - replay.controller);
+    const struct ticks *mine = &answer.by->ticks, *other = &twin->controller[number].ticks;
+    const size_t u = answer.by->core->offset[APC_TICK_U] + answer.element;
+    const char *name = answer.cause->tag ? answer.cause->tag->name : NULL;
+    struct replay with = replay;
+    size_t k = 0;
+    double effect[2], out[2];
+    while (k < mine->n && mine->value[mine->at[k].first + u] == other->value[other->at[k].first + u])
+        k++;
+    assert_true(k < mine->n);
+    for (int i = 0; i < 2; i++) {
+        explain(of->loop, in->from, apc_ns_to_s(mine->at[k].time - replay.start));
+        const struct why_cause *cause = cause_named(in->kind, name);
+        assert_true(i || cause);
+        assert_true(answer.tick->seq == mine->at[k].seq);
+        effect[i] = cause ? cause->effect : 0;
+        out[i] = answer.u;
+        assert_whole();
+        replay = *twin;
+    }
+    replay = with;
+    const double error = effect[0] - effect[1] - (out[0] - out[1]);
+    if (!(fabs(error) <= 1e-12 * (fabs(effect[0]) + fabs(effect[1]) + fabs(out[0]) + fabs(out[1]))))
+        fail_msg("%s of %s at %.3f s: moved it by %.17g, not %.17g", in->input ? in->input : "", of->law,
+                 in->from, effect[0] - effect[1], out[0] - out[1]);
+}
+
+/* Is the cause that is put in named first, with what the output lacks without it? Another one is where that one moves
+ * nothing, as at a limit, or less than something else does without it. */
 static bool is_named(const struct plant *of, inject *make, uint64_t *seed)
 {
-    for (;;) {
+    for (int drawn = 0; drawn < 100; drawn++) {
         struct injection in;
         struct experiment e;
+        struct replay twin;
         char more[600], before[300];
         put_in(of, "");
         load_experiment(&e, of->name, "");
         make(&in, of, apc_ns_to_s(e.controllers[e.n_controllers - 1].rhythm.period), seed);
         experiment_free(&e);
-        const bool fault = in.kind == WHY_MEASUREMENT;
         snprintf(before, sizeof before, "actions = ( %.*s );",
                  (int)strlen(in.before) - (in.before[0] ? 2 : 0), in.before);
         snprintf(more, sizeof more, "actions = ( %s%s );", in.before, in.more);
-        put_in(of, fault ? in.more : "");
-        make_run(of->name, fault ? before : more, in.until + 1);
+        make_run(of->name, before, in.until + 1);
+        explain(of->loop, in.from, in.until);
+        const double without = answer.u, most = answer.n > 0 ? fabs(answer.cause->effect) : 0;
+        twin = replay;
+        replay = (struct replay){.controller = NULL};
+        put_in(of, in.fault ? in.more : "");
+        make_run(of->name, in.fault ? before : more, in.until + 1);
         explain(of->loop, in.from, in.until);
         assert_whole();
-        if (is_first(in.kind, in.input))
-            return true;
-        put_in(of, "");
-        if (output_in(of->name, before, in.until + 1) != answer.u)
-            return false;
+        const bool first = is_first(in.kind, in.input), moved = fabs(answer.u - without) > most + 1e-9;
+        if (first && moved)
+            assert_effect_is_what_a_twin_lacks(of, &in, &twin);
+        why_free(&answer); /* may be the twin's */
+        replay_free(&twin);
+        if (first || moved)
+            return first;
     }
+    fail_msg("%s: nothing that is put in moves %s", of->law, of->loop);
+    return false;
 }
 
 /* Promise(simulation/why-first): Of setpoints, sensor faults, limits, tuning, modes, outputs by hand and loops below
- *   that are put in at random, the one that moved an output is named first, under each law and one's own. */
+ *   that are put in at random, the one that moved an output is named first, under each law and one's own, with what the
+ *   output lacks in the same run without it. */
 static void the_change_that_moved_an_output_comes_first(void **state)
 {
     const char *asked = getenv("APC_TEST_WHY");
-    const long rounds = asked ? strtol(asked, NULL, 10) : 12;
+    const long rounds = asked ? strtol(asked, NULL, 10) : 7;
     uint64_t seed = 7;
     (void)state;
     for (size_t p = 0; p < PLANTS; p++) {
         const struct plant *of = &plants[p];
-        const char *law = strrchr(of->law, '/') ? strrchr(of->law, '/') + 1 : of->law;
         long right = 0, tried = 0, first[CAUSES] = {0}, of_cause[CAUSES] = {0};
         for (size_t c = 0; tried < rounds; c = (c + 1) % CAUSES) {
             if (!has_cause(of, causes[c].make))
@@ -377,14 +442,18 @@ static void the_change_that_moved_an_output_comes_first(void **state)
         for (size_t c = 0; c < CAUSES; c++) {
             right += first[c];
             if (asked && of_cause[c] > 0)
-                printf("%-14s %-14s %4ld of %4ld\n", law, causes[c].name, first[c], of_cause[c]);
+                printf("%-14s %-14s %4ld of %4ld\n", of->law, causes[c].name, first[c], of_cause[c]);
         }
         if (100 * right < 99 * tried)
-            fail_msg("%s: %ld of %ld", law, right, tried);
+            fail_msg("%s: %ld of %ld", of->law, right, tried);
     }
 }
 
-/* Promise(simulation/why-output-moved) */
+/*
+ * Promise(simulation/why-output-moved): The inputs that moved an output are named with their effects, the one
+ *   that moved it most first: what the output lacks, bit for bit, in a run without the change. A row's author and
+ *   the loop above are told. A tick that does not come out of its record again is not explained.
+ */
 static void each_kind_of_input_is_found(void **state)
 {
     static const struct {
@@ -746,7 +815,6 @@ static void a_question_is_answered_in_time_or_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(an_effect_is_what_a_run_without_the_cause_lacks, end),
         cmocka_unit_test_teardown(the_change_that_moved_an_output_comes_first, end),
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
         cmocka_unit_test_teardown(who_wrote_is_told_in_the_words_of_the_write, end),
@@ -758,5 +826,6 @@ int main(void)
         cmocka_unit_test_teardown(the_ticks_of_a_store_come_out_window_by_window, end),
         cmocka_unit_test_teardown(a_question_is_answered_in_time_or_refused, end),
     };
+    setenv("PYTHONPATH", APC_SOURCE_DIR "/python/src", 1); /* of the law in Python */
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
