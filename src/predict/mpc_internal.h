@@ -46,7 +46,7 @@ struct apc_mpc {
     double *q, *s, *r, *zone, *least, *price;
     double *worth;       /* [N * ny] price w of the samples of the last call */
     const double *curve; /* as of apc_mpc_follow(), while it runs */
-    double damping;      /* of moves from there, over s, so that the problem is convex */
+    double damping;      /* of moves from there, over how prices bend, so that the problem is convex */
     double *bent;        /* [n] what both have in the gradient */
     double *P, *PG;      /* [(nc + nu)^2], [(nc + nu) * n] of the terminal weight */
     double *riccati;
