@@ -61,6 +61,15 @@ expect 0 '' "$apc" mode trial.u auto --no-wait
 sed '/name = "trial"/s/"pi"/"pid"/' "$work/shadow.conf" >"$work/other.conf"
 "$apc" init "$work/other.conf" >/dev/null
 expect 4 'trial runs with another law, other settings or another model than the plant is described with' "$apc" promote trial
+background apc-ui "$APC_BIN/apc-ui" --listen 127.0.0.1:0
+until_true 60 grep -q 'serving http' "$work/apc-ui.log"
+url=http://127.0.0.1:$(sed -n 's/.*serving http:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/apc-ui.log")/api
+by_page() { # CODE TEXT: what becomes of the same on the page
+  [ "$(curl -s -m 60 -b "$work/jar" -H "X-CSRF-Token: $csrf" -H 'Content-Type: application/json' -d '{"controller": "trial", "from": "first"}' \
+    -o "$work/answer" -w '%{http_code}' "$url/promote")" = "$1" ] && grep -q "$2" "$work/answer" || fail "the page: $(cat "$work/answer")"
+}
+csrf=$(curl -fs -m 60 -c "$work/jar" "$url/session" | sed -n 's/.*"csrf": *"\([^"]*\)".*/\1/p')
+by_page 409 'trial runs with another law, other settings or another model than the plant is described with: restart it. Nothing was written'
 "$apc" init "$work/shadow.conf" >/dev/null
 mode 1 1 || fail "what was refused was written"
 expect 0 '^promoted: first -> trial \(applied\)$' "$apc" promote trial
