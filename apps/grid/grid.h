@@ -97,5 +97,18 @@ struct signal_figures {
     double every; /* s, of the strongest sine in it; NAN: none is told */
 };
 int grid_signals(const struct identify_data *data, struct text *t, struct signal_figures *of);
+/* Transform in place n complex numbers, a power of 2. */
+void grid_fourier(double *re, double *im, size_t n);
+
+/* What makes a record doubtful for models. */
+struct grid_doubt {
+    const char *kind;      /* "limit", "drift", "loop", "coherence" */
+    const char *of, *with; /* signals; with NULL: none */
+    double value;          /* share of samples; drift; correlation; share that is explained */
+    char text[300];
+};
+/* @p left [n * ny] is what a model leaves of the outputs, NAN where it says nothing. *to is to be freed in either case.
+ * Returns 0 or APC_ENOMEM. */
+int grid_doubts(const struct identify_data *d, const double *left, struct grid_doubt **to, size_t *n);
 
 #endif

@@ -87,8 +87,7 @@ static void bars_json(const struct signal *s, size_t n, struct text *t)
     json_add(t, "],");
 }
 
-/* In place, of n complex numbers, a power of 2. */
-static void fourier(double *re, double *im, size_t n)
+void grid_fourier(double *re, double *im, size_t n)
 {
     for (size_t i = 1, j = 0; i < n; i++) {
         size_t bit = n >> 1;
@@ -153,7 +152,7 @@ static void spectrum_json(struct signal *s, const struct apc_record *r, double *
                 re[k] = s->centred[from + k] * (0.5 - 0.5 * apc_cos(2.0 * PI * (double)k / (double)length));
                 im[k] = 0.0;
             }
-            fourier(re, im, length);
+            grid_fourier(re, im, length);
             for (size_t k = 0; k < lines; k++)
                 power[k] += k ? re[k] * re[k] + im[k] * im[k] : 0.0;
         }
@@ -190,7 +189,7 @@ static void transform_run(const struct signal *s, size_t from, size_t to, double
         im[k - from] = isfinite(signal_value(s, k));
         re[k - from] = s->within > 0.0 ? im[k - from] * s->centred[k] / s->within : 0.0;
     }
-    fourier(re, im, length);
+    grid_fourier(re, im, length);
 }
 
 /* y some lags after x, over the pairs that are there, within runs: of all lags that one place stands for the strongest.
@@ -219,7 +218,7 @@ static void correlation_json(const struct signal *x, const struct signal *y, con
             pairs[k] -= X[0] * Y[1] - X[1] * Y[0] + M[0] * N[0] + M[1] * N[1];
         }
     }
-    fourier(sum, pairs, length);
+    grid_fourier(sum, pairs, length);
     const double scale = 4.0 * (double)length, all = round(-pairs[0] / scale);
     json_add(t, "correlation:[");
     for (int place = -LAGS; place <= LAGS; place++) {

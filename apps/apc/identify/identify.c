@@ -8,6 +8,8 @@
 #include <string.h>
 
 #include "apc/folder/folder.h"
+#include "apc/operate/operate.h"
+#include "common/storeuri.h"
 
 static const char *const kinds[KINDS + 1] = {"transfer", "arx", "subspace", "fir", NULL};
 
@@ -313,13 +315,72 @@ static int find_candidate_models(struct identification *z)
     return EXIT_ERROR;
 }
 
+/* By the free run over the whole record: of lags where there are some, as another model takes a drift for its own. */
+static int find_doubts(struct identification *z)
+{
+    const struct identify_model *m = &z->model[z->model[TRANSFER].linear ? TRANSFER : z->chosen];
+    struct apc_record on = z->data.record;
+    const size_t n = on.n * on.ny;
+    double *moved = on.runs > 1 ? apc_record_gather(&on, m->u0, m->y0) : NULL;
+    double *left = calloc(n, sizeof *left);
+    struct apc_validation of[IDENTIFY_SIGNALS];
+    struct apc_error why;
+    int rc = left && (on.runs <= 1 || moved) ? 0 : APC_ENOMEM;
+
+    if (rc == 0)
+        rc = apc_validate(m->linear, NULL, &on, on.n / 10, of, left, &why);
+    for (size_t k = 0; k < n && rc == 0; k++)
+        left[k] = on.y[k] - left[k];
+    if (rc == 0)
+        rc = grid_doubts(&z->data, left, &z->doubt, &z->doubts);
+    free(left);
+    free(moved);
+    return rc == APC_ENOMEM ? cli_error(&z->cli, rc, "out of memory") : EXIT_OK;
+}
+
 /* ---- Writing ------------------------------------------------------------------------------------------ */
+
+/* On one line, as a shell takes it. */
+static void put_word(FILE *out, const char *word)
+{
+    const bool plain = *word && !word[strcspn(word, " !\"#$&'()*;<>?[\\]^`{|}~")];
+
+    fputs(plain ? " " : " '", out);
+    for (; *word; word++)
+        if (*word == '\'')
+            fputs("'\\''", out);
+        else
+            fputc((unsigned char)*word < ' ' ? '?' : *word, out);
+    fputs(plain ? "" : "'", out);
+}
+
+/* Of a URI or --option=URI what store_name() shows. */
+static void keep_command(struct identification *z, int argc, char **argv)
+{
+    FILE *out = fmemopen(z->command, sizeof z->command, "w");
+
+    for (int i = 0; i < argc && out; i++) {
+        const char *const is = argv[i][0] == '-' ? strchr(argv[i], '=') : NULL,
+                          *value = is ? is + 1 : argv[i];
+        const char *at = strrchr(value, '@'), *end = at && strstr(at, "..") ? at : value + strlen(value);
+        char uri[1000], name[600], word[1800];
+
+        snprintf(uri, sizeof uri, "%.*s", (int)(end - value), value);
+        if (store_is_uri(uri))
+            store_name(uri, name, sizeof name);
+        snprintf(word, sizeof word, "%.*s%s%.200s", (int)(value - argv[i]), argv[i],
+                 store_is_uri(uri) ? name : uri, end);
+        put_word(out, word);
+    }
+    if (out)
+        fclose(out);
+}
 
 /* Whole or not at all. */
 static int write_identified_file(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
-    char part[600], comment[900], around[300] = "";
+    char part[600], comment[2000], around[300] = "", who[APC_TAG_LEN], now[APC_TIME_LEN];
     struct apc_error why;
     bool failed;
     FILE *out;
@@ -339,9 +400,11 @@ static int write_identified_file(const struct identification *z)
     if (z->cli.n_args > 1)
         snprintf(around, sizeof around, "# of %d records; the operating point is that of %.200s\n",
                  z->cli.n_args, z->cli.args[0]);
+    operate_who(who, sizeof who);
     snprintf(comment, sizeof comment,
-             "# apc identify --model %s: free run %.1f %% of samples that it was not fitted to\n%s", m->kind,
-             m->fit, around);
+             "# %s, %s: apc%s\n# apc identify --model %s: free run %.1f %% of samples that it was not fitted "
+             "to\n%s",
+             apc_time_format(apc_clock_utc(NULL), now), who, z->command, m->kind, m->fit, around);
     identify_write(out, m, &z->data, comment);
     failed = ferror(out) != 0;
     failed |= fclose(out) != 0;
@@ -402,6 +465,7 @@ int command_identify(int argc, char **argv)
         return EXIT_ERROR;
     }
     z->own = (struct identify_options){.share = 0.67, .kind = KINDS};
+    keep_command(z, argc, argv);
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
     rc = spare_files(z);
     if (rc == EXIT_OK)
@@ -416,6 +480,8 @@ int command_identify(int argc, char **argv)
     }
     if (rc == EXIT_OK)
         rc = find_candidate_models(z);
+    if (rc == EXIT_OK)
+        rc = find_doubts(z);
     if (rc == EXIT_OK && z->own.output)
         rc = write_identified_file(z);
     if (rc == EXIT_OK && z->own.figure)
@@ -430,6 +496,7 @@ out:
         drop_model(&z->model[k]);
     identify_data_free(&z->data);
     identify_data_free(&z->other);
+    free(z->doubt);
     free(z);
     return rc;
 }

@@ -67,6 +67,9 @@ struct identification {
     size_t fitted;     /* samples that were fitted to */
     double controller; /* s, its period; 0: the record does not say */
     int chosen;
+    char command[1000]; /* as it was typed, without passwords */
+    struct grid_doubt *doubt;
+    size_t doubts;
 };
 
 /* Read the arguments into data, and --validate into other. Returns an exit code, its reason told. */

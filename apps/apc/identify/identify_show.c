@@ -112,6 +112,8 @@ static void show_record(const struct identification *z)
             printf("%s has %d frequenc%s only: what a model says of others is a guess\n", d->input[j], order,
                    order == 1 ? "y" : "ies");
     }
+    for (size_t i = 0; i < z->doubts; i++)
+        puts(z->doubt[i].text);
 }
 
 static void put_probability(struct print_table *t, double p)
@@ -399,6 +401,13 @@ static void show_models_json(const struct identification *z)
     json_add(&t, "{records:[");
     for (size_t g = 0; g < apc_record_runs(&z->data.record); g++)
         json_add(&t, "{record:%s, samples:%zu}", z->cli.args[g], apc_record_run(&z->data.record, g).n);
+    json_add(&t, "], doubts:[");
+    for (size_t i = 0; i < z->doubts; i++) {
+        const struct grid_doubt *d = &z->doubt[i];
+
+        json_add(&t, "{kind:%s, of:%s, with:%s, value:%g, text:%s}", d->kind, d->of, d->with, d->value,
+                 d->text);
+    }
     json_add(&t, "], samples:%zu, fitted:%zu, period:%g, chosen:%s, models:[", z->data.record.n, z->fitted,
              z->data.record.Ts, z->model[z->chosen].kind);
     for (int k = 0; k < KINDS; k++) {
