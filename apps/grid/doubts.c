@@ -126,7 +126,7 @@ static void doubt_drift(struct doubts *z, size_t i, size_t g)
 
 /* How often changes of input @p j, @p lag samples later, have the sign of those of what is left of output @p i: a step of
  * the setpoint counts no more than noise does. */
-static double answer(const struct doubts *z, size_t i, size_t j, int lag, double *pairs)
+static double sign_agreement(const struct doubts *z, size_t i, size_t j, int lag, double *pairs)
 {
     const struct apc_record *r = &z->d->record;
     const size_t inputs = r->nu + r->nd;
@@ -157,7 +157,7 @@ static void doubt_loop(struct doubts *z, size_t i, size_t j)
     double after = 0.0, before = 0.0, pairs = 0.0, of = 1.0;
 
     for (int lag = -ANSWERS; lag <= ANSWERS; lag++) {
-        const double c = answer(z, i, j, lag, &pairs);
+        const double c = sign_agreement(z, i, j, lag, &pairs);
 
         if (lag >= 0 && fabs(c) > fabs(after)) {
             after = c;

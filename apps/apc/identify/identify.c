@@ -341,7 +341,7 @@ static int find_doubts(struct identification *z)
 /* ---- Writing ------------------------------------------------------------------------------------------ */
 
 /* On one line, as a shell takes it. */
-static void put_word(FILE *out, const char *word)
+static void put_shell_word(FILE *out, const char *word)
 {
     const bool plain = *word && !word[strcspn(word, " !\"#$&'()*;<>?[\\]^`{|}~")];
 
@@ -355,7 +355,7 @@ static void put_word(FILE *out, const char *word)
 }
 
 /* Of a URI or --option=URI what store_name() shows. */
-static void keep_command(struct identification *z, int argc, char **argv)
+static void note_command(struct identification *z, int argc, char **argv)
 {
     FILE *out = fmemopen(z->command, sizeof z->command, "w");
 
@@ -370,7 +370,7 @@ static void keep_command(struct identification *z, int argc, char **argv)
             store_name(uri, name, sizeof name);
         snprintf(word, sizeof word, "%.*s%s%.200s", (int)(value - argv[i]), argv[i],
                  store_is_uri(uri) ? name : uri, end);
-        put_word(out, word);
+        put_shell_word(out, word);
     }
     if (out)
         fclose(out);
@@ -465,7 +465,7 @@ int command_identify(int argc, char **argv)
         return EXIT_ERROR;
     }
     z->own = (struct identify_options){.share = 0.67, .kind = KINDS};
-    keep_command(z, argc, argv);
+    note_command(z, argc, argv);
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
     rc = spare_files(z);
     if (rc == EXIT_OK)
