@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "print.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 
 #include "base/base_internal.h"
 #include "base/text.h"
@@ -220,25 +222,75 @@ static void put_headings(FILE *out, const struct print_table *table, bool colour
     }
 }
 
-int print_table_show(struct print_table *table, FILE *out, bool colour, size_t most, const char *eol)
+static void put_used_columns(FILE *out, const struct print_table *table, bool colour, size_t most,
+                             const char *eol)
 {
-    size_t rows = table->n / table->n_columns;
-    if (table->failed)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < table->n_columns; i++)
-        lay_out(table, i);
+    const size_t rows = table->n / table->n_columns;
+
     put_headings(out, table, colour);
     fputs(eol, out);
     for (size_t row = 0; row < rows && (most == 0 || row < most); row++) {
         put_table_row(out, table, row, colour);
         fputs(eol, out);
     }
+}
+
+int print_table_show(struct print_table *table, FILE *out, bool colour, size_t most, const char *eol)
+{
+    if (table->failed)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < table->n_columns; i++)
+        lay_out(table, i);
+    put_used_columns(out, table, colour, most, eol);
     return 0;
+}
+
+static int columns_of_screen(FILE *out)
+{
+    struct winsize size;
+    return ioctl(fileno(out), TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : INT_MAX;
+}
+
+static int width_of_column(const struct print_layout *l)
+{
+    return l->used ? l->width + 2 : 0;
+}
+
+/* What is too wide for the screen goes on below, behind the names again; it is cut before columns of numbers. */
+static void put_table_parts(FILE *out, struct print_table *table, bool colour, size_t most)
+{
+    const size_t n = table->n_columns;
+    const int screen = columns_of_screen(out);
+    struct print_layout whole[PRINT_COLUMNS];
+    size_t names = 0;
+    int of_names = -2; /* nothing stands behind the last column */
+
+    memcpy(whole, table->layout, sizeof whole);
+    while (names < n && table->columns[names].align == PRINT_LEFT)
+        of_names += width_of_column(&whole[names++]);
+    for (size_t from = names, to = 0; to < n; from = to) {
+        int width = of_names;
+
+        for (to = from; to < n; to++) {
+            width += width_of_column(&whole[to]);
+            if (to > from && width > screen && table->columns[to].align != PRINT_LEFT)
+                break;
+        }
+        for (size_t i = names; i < n; i++)
+            table->layout[i].used = whole[i].used && i >= from && i < to;
+        fputs(from > names ? "\n" : "", out);
+        put_used_columns(out, table, colour, most, "\n");
+    }
 }
 
 int print_table_end(struct print_table *table, FILE *out, bool colour, size_t most)
 {
-    const int rc = table->n > 0 || table->failed ? print_table_show(table, out, colour, most, "\n") : 0;
+    const int rc = table->failed ? APC_ENOMEM : 0;
+
+    for (size_t i = 0; i < table->n_columns; i++)
+        lay_out(table, i);
+    if (table->n > 0 && rc == 0)
+        put_table_parts(out, table, colour, most);
     print_table_close(table);
     return rc;
 }

@@ -34,6 +34,21 @@ grep -q 'the circle that the curve keeps out of' "$work/reactor.svg" && [ -s "$w
 (cd "$APC_SOURCE_DIR" && "$apc" analyze experiments/van-de-vusse.conf) | sed -n 1,6p >"$work/printed"
 sed -n '/^van-de-vusse: /,/^all /p' "$APC_SOURCE_DIR/docs/analysis.md" | cmp - "$work/printed" || fail "docs/analysis.md shows something else"
 
+# a table that is wider than the terminal goes on below, behind the names again; a file gets it in one
+on_screen() { # COLUMNS
+  script -qec "stty cols $1; NO_COLOR=1 '$apc' analyze '$conf/four-tank-mpc.conf'" /dev/null </dev/null | tr -d '\r' | sed -n '/^loop /,/^poles/p' | grep -v '^poles'
+}
+if command -v script >/dev/null; then
+  "$apc" analyze "$conf/four-tank-mpc.conf" | sed -n '/^loop /,/^poles/p' | grep -v '^poles' >"$work/whole"
+  on_screen 200 | cmp - "$work/whole" || fail "a wide terminal gets another table than a file"
+  on_screen 80 >"$work/narrow"
+  awk 'length > 80' "$work/narrow" | grep . && fail "wider than 80 columns"
+  # side by side without the names it is the same table
+  for row in loop F1 F2 all; do
+    cmp <(sed -n "s/^$row  *//p" "$work/narrow" | xargs) <(sed -n "s/^$row  *//p" "$work/whole" | xargs) || fail "$row is another one in a narrow terminal"
+  done
+fi
+
 # every law that is linear; a loop below another one
 for name in first-order four-tank four-tank-mpc quadruple-tank-mpc servo two-layers double-tank adiabatic-cstr; do
   expect 0 'time constant' "$apc" analyze "$conf/$name.conf"
