@@ -665,7 +665,7 @@ export const de = {
   "trend.binMin": "{signal}, Min aus {width} s",
   "trend.binMax": "{signal}, Max aus {width} s",
 
-  "alarms.view.standing": "Aktiv",
+  "alarms.view.standing": "Aktiv oder nicht quittiert",
   "alarms.view.masked": "Zurückgestellt / Unterdrückt",
   "alarms.view.all": "Alle",
   "alarms.view.journal": "Journal",

@@ -664,7 +664,7 @@ export const en = {
   "trend.binMin": "{signal}, min of {width} s",
   "trend.binMax": "{signal}, max of {width} s",
 
-  "alarms.view.standing": "Active",
+  "alarms.view.standing": "Active or unacknowledged",
   "alarms.view.masked": "Shelved / Suppressed",
   "alarms.view.all": "All",
   "alarms.view.journal": "Journal",

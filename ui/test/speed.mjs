@@ -58,6 +58,12 @@ test("a simulated plant goes as the page says", PATIENCE, async () => {
   await until("it stands where that one does", async () => Math.abs((await time(second)) - (await time(page))) < 0.01);
   await second.close();
   await page.keyboard.press("Escape");
+  // In the past only the instant that is shown can be gone on from.
+  await page.keyboard.press("p");
+  await page.locator(".past-top").waitFor();
+  assert.equal(await page.getByRole("button", {name: "Go on otherwise …"}).count(), 1);
+  await page.keyboard.press("Escape");
+  await page.locator(".past-top").waitFor({state: "detached"});
 
   // Promise(page/faults): The page gives the instructor of a simulated plant its faults to start and to stop.
   await strip(page).locator("summary").click();

@@ -286,6 +286,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
     <tr class="detail">
       <td colSpan={7}>
         <dl class="pairs">
+          {of.message && <><dt>{tr("common.message")}</dt><dd>{of.message}</dd></>}
           <dt>{tr("alarms.consequence")}</dt>
           <dd>{of.consequence || tr("alarms.notSaid")}</dd>
           <dt>{tr("alarms.response")}</dt>

@@ -51,7 +51,7 @@ export function AlarmLine(): JSX.Element | null {
       <span class="first" role="status">
         {first && (
           <a href={path("alarms", first.alarm)} onClick={leavePast}>
-            <Shape priority={first.priority} label={tr("alarmline.mostUrgent")} /> <b><Tag name={first.alarm} /></b> <span class="message">{first.message}</span> <span class="say">{first.now.active ? clock(first.now.raised ?? first.now.time) : tr("alarmline.returned", {time: clock(first.now.raised ?? first.now.time)})}</span>
+            <Shape priority={first.priority} label={tr("alarmline.mostUrgent")} /> <b><Tag name={first.alarm} /></b> <span class="message" title={first.message}>{first.message}</span> <span class="say">{first.now.active ? clock(first.now.raised ?? first.now.time) : tr("alarmline.returned", {time: clock(first.now.raised ?? first.now.time)})}</span>
           </a>
         )}
       </span>

@@ -5,7 +5,7 @@ import {useRef, useState} from "preact/hooks";
 import {useWriteBar, wall} from "../access";
 import {get, post} from "../core/api";
 import {number, stamp} from "../core/format";
-import {simulation} from "../core/model";
+import {shownAt, simulation} from "../core/model";
 import {said as worded, tr} from "../core/texts";
 import type {Fault, Simulation} from "../core/types";
 import {useCell} from "../usecell";
@@ -72,6 +72,7 @@ function Faults(): JSX.Element | null {
 
 export function SpeedStrip(): JSX.Element | null {
   const now = useCell(simulation);
+  const past = useCell(shownAt) != null;
   const barred = useWriteBar();
   const [trouble, setTrouble] = useState<string | null>(null);
   const before = useRef<number | null>(1);
@@ -102,7 +103,7 @@ export function SpeedStrip(): JSX.Element | null {
           <span class="segments" role="group" aria-label={tr("speed.speed")}>
             {SPEEDS.map(one => <button type="button" key={one} {...bar} aria-pressed={one === now.asked} onClick={() => ask(one)}>{one == null ? tr("speed.most") : `${one}×`}</button>)}
           </span>
-          <WhatIf at={now.t} />
+          {!past && <WhatIf at={now.t} />}
           <Faults />
         </>
       )}
