@@ -308,16 +308,16 @@ refused 1 'is not on record' v1@2000-01-01T00:03:32Z --store "sqlite:$work/stepp
 "$apc" simulate "$experiments/first-order.conf" --set duration=7400.0 --set measurements.y.noise=0.4 --report clock >/dev/null 2>&1
 "$apc" why clock u@3616 --over 40 --json >whole.json
 for step in -20 -3700 5000; do
-  rm -f clock.db
   cp clock/ticks.db was.db
   sqlite3 was.db "UPDATE sample SET time = time + $step * 1000000 WHERE time > 1000000 * (946684800 + 3605)"
-  "$apc" init clock/run.conf --store "sqlite:$work/clock.db" >/dev/null
-  "$apc" copy "sqlite:$work/was.db" "sqlite:$work/clock.db" >/dev/null # which enters the times anew
-  # Promise(simulation/clock-set-back): Where the clock was set back or on, every tick still comes out once, and a move over it is
-  #   explained as if the clock had gone on.
-  expect 0 '^controller: 3700 of 3700 ticks' "$apc" replay --store "sqlite:$work/clock.db"
-  "$apc" why "u@$(date -u -d @$((946684800 + 3616 + step)) +%FT%TZ)" --over 40 --json --store "sqlite:$work/clock.db" >stepped.json
-  python3 - $step <<'END' || fail "over a clock set by $step s it is another move: $(cat whole.json stepped.json)"
+  for store in "sqlite:$work/clock$step.db" "postgresql:#clock${step#-}"; do
+    "$apc" init clock/run.conf --store "$store" >/dev/null
+    "$apc" copy "sqlite:$work/was.db" "$store" >/dev/null # which enters the times anew
+    # Promise(simulation/clock-set-back): Where the clock was set back or on, every tick still comes out once, and a move over it is
+    #   explained as if the clock had gone on.
+    expect 0 '^controller: 3700 of 3700 ticks' "$apc" replay --store "$store"
+    "$apc" why "u@$(date -u -d @$((946684800 + 3616 + step)) +%FT%TZ)" --over 40 --json --store "$store" >stepped.json
+    python3 - $step <<'END' || fail "over a clock set by $step s in $store it is another move: $(cat whole.json stepped.json)"
 import json, sys
 whole, stepped = json.load(open("whole.json")), json.load(open("stepped.json"))
 assert round(stepped.pop("time") - whole["time"], 3) == 946684800 + int(sys.argv[1])
@@ -326,6 +326,7 @@ for of in [whole, stepped] + whole["inputs"] + stepped["inputs"]:
         of.pop(key, None)
 assert whole["inputs"] and whole == stepped
 END
+  done
 done
 "$apc" maintain --keep-ticks $(($(date +%s) - 946685595))s --store "sqlite:$work/layers.db" >/dev/null # until t = 795 s
 expect 0 '^  over the ticks after 2000-01-01T00:13:1.*: those before are not on record any more' \
