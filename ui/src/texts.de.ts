@@ -447,6 +447,7 @@ export const de = {
   "link.tooMany": "Ein Trend hat höchstens {most} Signale: Dies sind die ersten von {n}.",
   "link.several": "Mehrere Signale heißen {name}: Nennen Sie eines als TABLE.ID.",
   "link.none": "{plant} hat kein Signal {name}.",
+  "calc.end": "er hört zu früh auf; es gibt + - * / ( ) und mean(y1,60)",
   "calc.sign": "nicht erwartet: „{sign}“; es gibt + - * / ( ) und mean(y1,60)",
   "calc.most": "mindestens ein Signal, höchstens 6 Signale, 8 Klammern, 127 Bytes, 86400 s von mean",
   "calc.none": "kein Signal {name}; TABLE.ID nennt jedes",

@@ -446,6 +446,7 @@ export const en = {
   "link.tooMany": "A trend has at most {most} signals: these are the first of {n}.",
   "link.several": "Several signals are called {name}: say which, as TABLE.ID.",
   "link.none": "{plant} has no signal {name}.",
+  "calc.end": "it ends too soon; there are + - * / ( ) and mean(y1,60)",
   "calc.sign": "not expected: “{sign}”; there are + - * / ( ) and mean(y1,60)",
   "calc.most": "at least one and at most 6 signals, 8 brackets, 127 bytes, 86400 s of mean",
   "calc.none": "no signal {name}; TABLE.ID names any",

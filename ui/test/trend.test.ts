@@ -129,7 +129,7 @@ test("a calculated pen has its unit, and is a gap where it has no value", () => 
 
 test("what is no expression says why, whatever it is", () => {
   const wrong: [string, RegExp][] = [
-    ["=", /not expected: “”/], ["=y1-", /not expected: “”/], ["=y1 y2", /not expected: “y2”/], ["=y1;", /not expected: “;”/], ["=(y1", /not expected: “”/], ["=nobody", /no signal nobody/], ["=sin(y1)", /no signal sin/],
+    ["=", /: it ends too soon/], ["=y1-", /: it ends too soon/], ["=y1 y2", /not expected: “y2”/], ["=y1;", /not expected: “;”/], ["=(y1", /: it ends too soon/], ["=nobody", /no signal nobody/], ["=sin(y1)", /no signal sin/],
     ["=y1+T", /m and K cannot be added$/], ["=mean(y1,0)", /at most 6 signals/], ["=mean(y1,y2)", /at most 6 signals/], ["=mean(y1)", /not expected: “\)”/], ["=1+2", /at most 6 signals/], ["=y1+y2+r1+r2+sensor.1+setpoint.1", /^$/], ["=y1*y2*T*r1*r2*u1*u2", /at most 6/],
     ["=" + "(".repeat(9) + "y1" + ")".repeat(9), /8 brackets/], ["=" + "-".repeat(100) + "y1", /8 brackets/], ["=" + "y1+".repeat(60) + "y1", /127 bytes/], ["=<b>y1</b>", /not expected: “<”/], ["=u1.Kp.constructor", /no signal/], ["=__proto__", /no signal/], ["=constructor(y1,y2)", /no signal/],
   ];

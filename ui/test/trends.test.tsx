@@ -235,7 +235,7 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   assert.match(said("table.data tbody"), /4\.00.* 4\.00/);
   // One that is calculated
   await type(".pen-search input", "=y2-");
-  assert.equal(said(".pen-search .say"), "=y2-: not expected: “”; there are + - * / ( ) and mean(y1,60)");
+  assert.equal(said(".pen-search .say"), "=y2-: it ends too soon; there are + - * / ( ) and mean(y1,60)");
   assert.equal(said(".matches"), "");
   await type(".pen-search input", "=2*y2 - y1");
   assert.equal(said(".pen-search .say"), "Enter adds the first");

@@ -79,7 +79,7 @@ function meanOf(t: number[], v: Column, over: number): Column {
 function readPart(tokens: string[], signalOf: (name: string) => Variable): Part {
   let at = 0;
   let depth = 0;
-  const unexpected = (): never => wrong(tr("calc.sign", {sign: tokens[at] ?? ""}));
+  const unexpected = (): never => wrong(at < tokens.length ? tr("calc.sign", {sign: tokens[at]!}) : tr("calc.end"));
   const takes = (signs: string): string | undefined => (tokens[at] && signs.includes(tokens[at]!) ? tokens[at++] : undefined);
   const needs = (sign: string): unknown => takes(sign) ?? unexpected();
   const chain = (signs: string, next: () => Part): Part => {
