@@ -209,6 +209,7 @@ static int make_parts(struct ui *ui, struct apc_error *why)
         sessions_resume(&ui->sessions, (int)strtol(kept, NULL, 10));
     }
     unsetenv(SESSIONS_KEPT);
+    forks_resume();
     if (rc == 0)
         rc = backoff_init(&ui->backoff);
     if (rc == 0 &&
@@ -299,8 +300,8 @@ static int restart_page_server(struct ui *ui, char **argv, struct apc_error *why
     char sessions[24], pid[24];
     snprintf(sessions, sizeof sessions, "%d", sessions_keep(&ui->sessions));
     snprintf(pid, sizeof pid, "%ld", (long)getpid());
-    const int listener = server_hand_over(ui);
-    if (setenv(SESSIONS_KEPT, sessions, 1) == 0 && setenv("LISTEN_PID", pid, 1) == 0 &&
+    const int forks_kept = forks_keep(), listener = server_hand_over(ui);
+    if (forks_kept == 0 && setenv(SESSIONS_KEPT, sessions, 1) == 0 && setenv("LISTEN_PID", pid, 1) == 0 &&
         setenv("LISTEN_FDS", "1", 1) == 0 && dup2(listener, SD_LISTEN_FDS_START) >= 0 &&
         fcntl(SD_LISTEN_FDS_START, F_SETFD, 0) == 0)
         execv("/proc/self/exe", argv);

@@ -51,6 +51,7 @@ export const sentences: Record<string, string> = {
   "there is no folder of displays: start apc-ui with --config or --displays": "es gibt keinen Ordner für Fließbilder: apc-ui mit --config oder --displays starten",
   "\"from\" must be a time of the plant to which it has come": "„from“ muss eine Zeit sein, bis zu der die Anlage schon gekommen ist",
   "only beside a plant of `apc run --speed` that goes on, on its own page, is a second run started": "einen zweiten Lauf gibt es nur neben einer Anlage von `apc run --speed`, die weiterläuft, und auf ihrer eigenen Seite",
+  "another second run is being started: do this again when that is done": "ein anderer zweiter Lauf wird gerade gestartet: danach wiederholen",
   "{=} second runs go on: end one of them before": "{1} zweite Läufe gehen weiter: beenden Sie zuerst einen davon",
   "no second run can be started beside {=}: {}": "neben {1} kann kein zweiter Lauf starten: {2}",
   "the second run did not start: {}": "der zweite Lauf ist nicht gestartet: {1}",

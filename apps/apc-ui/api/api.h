@@ -65,6 +65,9 @@ void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
 void post_speed(struct ui *ui, struct request *r, struct apc_store *store);
 void get_faults(struct ui *ui, struct request *r, struct apc_store *store);
 void post_fork(struct ui *ui, struct request *r, struct apc_store *store);
+/* To the same process, which begins anew: the second runs that go on. Between the two none is started. Returns 0 or -1. */
+int forks_keep(void);
+void forks_resume(void);
 void post_fault(struct ui *ui, struct request *r, struct apc_store *store);
 void post_log(struct ui *ui, struct request *r, struct apc_store *store);
 /* What differs of variables, loops, controllers called @names, with commas between them, NULL or "": of all; the

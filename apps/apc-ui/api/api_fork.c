@@ -21,6 +21,8 @@
 #define MOST     99                 /* of one run */
 #define PATIENCE (8 * APC_NS_PER_S) /* the page waits for 10 */
 
+#define FORKS_KEPT "APC_UI_FORKS" /* from the process to itself: who runs */
+
 extern char **environ;
 
 struct fork_order {
@@ -29,6 +31,25 @@ struct fork_order {
 
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 static pid_t running[FORKS]; /* 0: none */
+
+int forks_keep(void)
+{
+    char text[FORKS * 12] = "";
+    size_t n = 0;
+    pthread_mutex_lock(&mutex);
+    for (size_t i = 0; i < FORKS; i++)
+        n += (size_t)snprintf(text + n, sizeof text - n, "%ld ", (long)running[i]);
+    return setenv(FORKS_KEPT, text, 1);
+}
+
+void forks_resume(void)
+{
+    const char *kept = getenv(FORKS_KEPT);
+    char *end;
+    for (size_t i = 0; kept && i < FORKS; i++, kept = end)
+        running[i] = (pid_t)strtol(kept, &end, 10);
+    unsetenv(FORKS_KEPT);
+}
 
 /* A place for one more; NULL: as many as may be run. */
 static pid_t *find_fork_place(void)
@@ -81,7 +102,7 @@ static char **fork_environment(char *extra)
 static int spawn_fork(const struct fork_order *o, const char *dir, int log, pid_t *pid)
 {
     char apc[4096], parent[40];
-    const char *argv[] = {apc, "run", dir, "--speed", "0", "--out", o->folder, "--from", o->from, NULL};
+    const char *argv[] = {apc, "run", "--speed", "0", "--out", o->folder, "--from", o->from, "--", dir, NULL};
     union { /* posix_spawn takes char *const *, for history's sake */
         const char **from;
         char **to;
@@ -90,8 +111,11 @@ static int spawn_fork(const struct fork_order *o, const char *dir, int log, pid_
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
     sigset_t none, all;
-    if (!strcmp(o->from, "0")) /* which is the begin of any run */
-        argv[7] = NULL;
+    if (!strcmp(o->from, "0")) { /* which is the begin of any run */
+        argv[6] = "--";
+        argv[7] = dir;
+        argv[8] = NULL;
+    }
     apc[n > 0 ? n : 0] = '\0';
     char *slash = strrchr(apc, '/');
     snprintf(slash ? slash : apc, 8, "/apc");
@@ -126,7 +150,7 @@ static bool read_fork_log(const struct fork_order *o, char page[64], char line[2
     FILE *in = fopen(o->log, "re");
     bool found = false;
     while (in && !found && fgets(line, 256, in))
-        found = sscanf(line, "page: %63s", page) == 1;
+        found = strchr(line, '\n') && sscanf(line, "page: %63s", page) == 1;
     if (in)
         fclose(in);
     line[strcspn(line, "\n")] = '\0';
@@ -159,7 +183,11 @@ static void start_fork(struct request *r, const char *dir, apc_ns from)
     struct fork_order o;
     char page[64];
     apc_number_format(apc_ns_to_s(from), o.from, sizeof o.from);
-    pthread_mutex_lock(&mutex);
+    if (pthread_mutex_trylock(&mutex) != 0) { /* who waited here would keep others from writing */
+        fault_set(&r->fault, 409, "simulation", NULL,
+                  "another second run is being started: do this again when that is done");
+        return;
+    }
     pid_t *place = find_fork_place();
     const int log = place ? choose_fork_folder(dir, &o) : -1;
     int rc = 0;

@@ -257,6 +257,15 @@ there_again() { curl -fsS "${page}api/state" | grep -q '"simulation":{"t":946684
 until_true 60 there_again
 told ' 200' '{"speed":0,"steps":1}'
 until_true 60 beside_is
+# Those from before the rewind count on, and one that has ended makes room.
+for i in 3 4 5; do expect 0 "back.fork$i\"} 200" fork '{"from":946684800}'; done
+expect 0 '4 second runs go on: end one of them before.* 409$' fork '{"from":946684800}'
+for i in 3 4 5; do
+  kill "$(sed -n 's/^live: *shm:run-\([0-9]*\)-.*/\1/p' "$work/back.fork$i.log")"
+  until_true 60 grep -q '^samples:' "$work/back.fork$i.log"
+done
+there_is_room() { fork '{"from":946684802}' | grep -q ' 200$'; }
+until_true 60 there_is_room
 [ "$(grep -c 'restarts: its simulated plant was rewound' "$work/back/apc-ui.log")" -eq 2 ] || fail "another server: $(cat "$work"/back*/apc-ui.log)"
 expect 0 ' 12 ' "$apc" get --store "$store" r
 back_to 0
@@ -269,7 +278,7 @@ expect 0 '' "$apc" set --store "$store" --no-wait u 1.5
 speed max
 wait $pid || fail "exit code $?"
 [ "$(digest "$work/back/samples.csv")" = "$expected" ] || fail "what goes on from there is another run"
-beside_ended() { grep -q '^samples:' "$work/back.fork1.log"; }
+beside_ended() { grep -q '^samples:' "$work/back.fork1.log" && grep -q '^samples:' "$work/back.fork6.log"; }
 until_true 60 beside_ended
 grep -q 'stopping (the run beside which it was started has ended)' "$work/back.fork1.log" || fail "$(cat "$work/back.fork1.log")"
 again "$work/back.fork1"
