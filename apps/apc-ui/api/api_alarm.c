@@ -434,9 +434,9 @@ static int words_of_order(const struct request *r, const struct order *o, const 
 /* Of the event, for all of the reason? */
 static bool reason_has_room(struct request *r, const struct order *o)
 {
-    char none[1];
+    char event[192];
     const int had = (int)strlen(o->reason),
-              over = words_of_order(r, o, OUTCOME_UNKNOWN, none, sizeof none) - 191;
+              over = words_of_order(r, o, OUTCOME_UNKNOWN, event, sizeof event) - (int)sizeof event + 1;
     return had == 0 || over <= 0 ||
            fault_set(&r->fault, 422, "value", "reason",
                      "\"reason\" must have at most %d bytes beside the other words of its event, %.90s: "

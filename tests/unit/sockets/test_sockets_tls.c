@@ -105,7 +105,8 @@ static void join(const char *to, const char *const *from)
         FILE *file = fopen(in(*from), "r");
         char text[8192];
         assert_non_null(file);
-        fwrite(text, 1, fread(text, 1, sizeof text, file), out);
+        const size_t n = fread(text, 1, sizeof text, file);
+        fwrite(text, 1, n, out);
         fclose(file);
     }
     assert_int_equal(fclose(out), 0);
