@@ -226,6 +226,7 @@ static void read_check_mode(struct expectation_text *t, struct expectation *x, c
     const struct experiment *e = t->e;
     struct nearest nearest = {.wanted = name};
     struct check_source source = {.table = APC_ACTUAL};
+    bool below = false;
     for (size_t i = 0; i < controllers_loops(e) && !source.id && t->rc == 0; i++) {
         const struct controller_loop loop = controllers_loop(e, i);
         const struct apc_tag *output = controllers_output(e, loop);
@@ -233,6 +234,7 @@ static void read_check_mode(struct expectation_text *t, struct expectation *x, c
         controllers_loop_name(e, loop, own);
         if (!strcmp(own, name) || (output->table != APC_SETPOINT && !strcmp(output->name, name)))
             source.id = apc_variable_number(APC_OPMODE, controllers_loop_id(loop));
+        below = controllers_is_below(e, loop);
         nearest_look(&nearest, output->name);
     }
     if (!source.id)
@@ -244,6 +246,8 @@ static void read_check_mode(struct expectation_text *t, struct expectation *x, c
         mode++;
     if (t->rc == 0 && !apc_mode_name(mode))
         refuse_words(t, "there is no mode \"%s\": Man, Auto, Cas, OOS, IMan and LO are", wanted);
+    if (mode == APC_MODE_CAS && !below)
+        refuse_words(t, "%.60s cannot be in Cas: no controller moves its setpoint", name);
     refuse_stepping_clock(t);
     snprintf(source.name, sizeof source.name, "mode %.50s", name);
     x->kind = CHECK_MODE;

@@ -263,6 +263,7 @@ static void what_can_never_be_judged_is_refused(void **state)
         {"settles y within 2 % in 200 s", "before 200 s"},
         {"mode w is Man", "no loop \"w\""},
         {"mode u is Manual", "no mode \"Manual\""},
+        {"mode u is Cas", "u cannot be in Cas: no controller moves its setpoint"},
         {"operator acknowledges y.low", "expected \"within\""},
         {"never y < 20 until 50 s or so", "not \"or\""},
     };
