@@ -80,10 +80,10 @@ static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
     return 0;
 }
 
-/* What a move is damped by: as much as prices bend along it. */
-static double bend_of(const struct apc_mpc *p, const double *curve, size_t a)
+/* What move @p a, of output @p j, is damped by: as much as prices bend along it. */
+static double bend_of(const struct apc_mpc *p, const double *curve, size_t a, size_t j)
 {
-    return fmax(fabs(curve[a * p->n + a]), p->s[a % p->nu]);
+    return fmax(fabs(curve[a * p->n + a]), p->s[j]);
 }
 
 static int make_hessian(struct apc_mpc *p, struct apc_error *why)
@@ -112,7 +112,7 @@ static int make_hessian(struct apc_mpc *p, struct apc_error *why)
     for (size_t a = 0, j = 0; p->curve && a < n; a++, j = j + 1 < nu ? j + 1 : 0) {
         for (size_t b = 0; b <= a; b++)
             p->H[a * n + b] += p->curve[a * n + b];
-        p->H[a * n + a] += p->damping * bend_of(p, p->curve, a);
+        p->H[a * n + a] += p->damping * bend_of(p, p->curve, a, j);
     }
     if (p->ends)
         rc = weigh_terminal(p, why);
@@ -172,7 +172,7 @@ static int make_bent_hessian(struct apc_mpc *p, const double *curve, const doubl
     while (curve && rc == APC_EINVAL && p->damping < DAMPING) {
         rc = make_hessian(p, NULL);
         for (size_t a = 0; a < n && rc == 0; a++) {
-            p->bent[a] = -p->damping * bend_of(p, curve, a) * (plan[a] - p->model->u0[a % nu]);
+            p->bent[a] = -p->damping * bend_of(p, curve, a, a % nu) * (plan[a] - p->model->u0[a % nu]);
             for (size_t b = 0; b < n; b++)
                 p->bent[a] -= curve[a > b ? a * n + b : b * n + a] * (plan[b] - p->model->u0[b % nu]);
         }

@@ -551,11 +551,12 @@ static int run_experiment(struct run *r)
 int command_run(int argc, char **argv)
 {
     struct run r = {.options = {.duration = -1}};
+    const char *parent = getenv("APC_FORKED");
     umask(077); /* the record of a plant is its owner's */
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     run_take_over(&r);
-    if (getenv("APC_FORKED"))
-        r.parent = (pid_t)strtol(getenv("APC_FORKED"), NULL, 10);
+    if (parent)
+        r.parent = (pid_t)strtol(parent, NULL, 10);
     int rc = run_experiment(&r);
     run_await_aside();
     samples_free(&r.written);
