@@ -6,11 +6,14 @@
 #include <stdlib.h>
 
 #include "base/complex.h"
+#include "files/files.h"
 #include "grid.h"
 
 #define FREE_VALUES   20   /* so many different ones, and a signal is none of a test's levels */
 #define STANDS        0.05 /* of the samples are at an extreme */
-#define ABRUPT        0.01 /* of the range in one sample, so it did not settle there */
+#define NEAR          0.025
+#define FAR           0.1  /* of the range, from an extreme */
+#define STOPPED       2.5  /* times as long from FAR as from NEAR: of a ramp 4, of what settles less */
 #define DRIFTS        0.5  /* of the output's own deviation */
 #define SCATTERS      2.0  /* times what is left beside the drift */
 #define ANSWERS       10   /* samples within which a controller answers */
@@ -37,29 +40,41 @@ static struct grid_doubt *add_doubt(struct doubts *z, const char *kind, const ch
 
 /* ---- Limits ---------------------------------------------------------------------------------------------- */
 
-/* The share of the samples in which a signal stands at its extreme @p at, reached at once; 0: it does not. */
-static double share_at(const double *v, size_t n, size_t stride, double at, double range)
+/* The share of the samples in which a signal stands at its extreme @p at, where something stopped it; 0: it does not. What
+ * settles there is long in coming the last bit of the way. */
+static double share_at(const struct apc_record *r, const double *v, size_t stride, double at, double range)
 {
     size_t there = 0;
-    bool abrupt = false;
+    bool stopped = false;
 
-    for (size_t k = 0; k < n; k++) {
-        const bool is = fabs(v[k * stride] - at) <= 0.0;
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const size_t end = apc_record_end(r, g);
+        size_t far = end, near = end; /* the last samples that were so far from it */
 
-        there += is;
-        if (is && k > 0 && k + 1 < n && fabs(v[(k + 1) * stride] - at) <= 0.0)
-            abrupt |= fabs(v[(k - 1) * stride] - at) > ABRUPT * range;
+        for (size_t k = end - apc_record_run(r, g).n; k < end; k++) {
+            const double off = fabs(v[k * stride] - at);
+
+            if (off > NEAR * range)
+                near = k;
+            if (off > FAR * range)
+                far = k;
+            if (off > 0.0 || !isfinite(off))
+                continue;
+            there++;
+            if (near < k && k + 1 < end && fabs(v[(k + 1) * stride] - at) <= 0.0)
+                stopped |= k - near <= 1 || (far < k && (double)(k - far) >= STOPPED * (double)(k - near));
+            near = far = end;
+        }
     }
-    return abrupt ? (double)there / (double)n : 0.0;
+    return stopped ? (double)there / (double)r->n : 0.0;
 }
 
 static void doubt_limit(struct doubts *z, const char *name, const double *v, size_t stride)
 {
-    const size_t n = z->d->record.n;
     double seen[FREE_VALUES], low = HUGE_VAL, high = -HUGE_VAL;
     size_t values = 0;
 
-    for (size_t k = 0; k < n; k++) {
+    for (size_t k = 0; k < z->d->record.n; k++) {
         const double x = v[k * stride];
         size_t i = 0;
 
@@ -73,7 +88,7 @@ static void doubt_limit(struct doubts *z, const char *name, const double *v, siz
             seen[values++] = x;
     }
     for (int top = 0; top < 2 && values == FREE_VALUES; top++) {
-        const double at = top ? high : low, share = share_at(v, n, stride, at, high - low);
+        const double at = top ? high : low, share = share_at(&z->d->record, v, stride, at, high - low);
 
         if (share < STANDS)
             continue;
@@ -182,21 +197,30 @@ static void doubt_loop(struct doubts *z, size_t i, size_t j)
 struct cross {
     size_t inputs, length, lines, segments;
     double *re, *im;      /* [length] each */
-    double complex *line; /* [(inputs + 1) * lines] of this segment */
+    double complex *line; /* [(inputs + 2) * lines] of this segment */
     double complex *sum;  /* [lines][(inputs + 1)^2] */
+    double left;          /* by the model */
 };
 
-/* Input j, the output last. False: it lacks samples. */
+/* Input j, then the output, and what the model leaves of it; a missing sample is as the one before. False: it begins with
+ * one, or lacks more than a quarter. */
 static bool transform(struct cross *c, const double *v, size_t stride, size_t j)
 {
-    double mean = 0.0;
+    double mean = 0.0, held = v[0];
+    size_t missing = 0;
 
-    for (size_t k = 0; k < c->length; k++)
-        mean += v[k * stride] / (double)c->length;
-    if (!isfinite(mean))
+    for (size_t k = 0; k < c->length; k++) {
+        if (isfinite(v[k * stride]))
+            held = v[k * stride];
+        else
+            missing++;
+        c->re[k] = held;
+        mean += held / (double)c->length;
+    }
+    if (!isfinite(mean) || missing > c->length / 4)
         return false;
     for (size_t k = 0; k < c->length; k++) {
-        c->re[k] = (v[k * stride] - mean) * (0.5 - 0.5 * apc_cos(2.0 * PI * (double)k / (double)c->length));
+        c->re[k] = (c->re[k] - mean) * (0.5 - 0.5 * apc_cos(2.0 * PI * (double)k / (double)c->length));
         c->im[k] = 0.0;
     }
     grid_fourier(c->re, c->im, c->length);
@@ -205,20 +229,26 @@ static bool transform(struct cross *c, const double *v, size_t stride, size_t j)
     return true;
 }
 
-static void add_segment(struct cross *c, const struct apc_record *r, size_t i, size_t from)
+static void add_segment(struct cross *c, const struct doubts *z, size_t i, size_t from)
 {
+    const struct apc_record *r = &z->d->record;
     const size_t m = c->inputs + 1;
 
     for (size_t j = 0; j < c->inputs; j++)
         if (!transform(c, r->u + from * c->inputs + j, c->inputs, j))
             return;
-    if (!transform(c, r->y + from * r->ny + i, r->ny, c->inputs))
+    if (!transform(c, r->y + from * r->ny + i, r->ny, c->inputs) ||
+        !transform(c, z->left + from * r->ny + i, r->ny, m))
         return;
     c->segments++;
-    for (size_t f = 0; f < c->lines; f++)
+    for (size_t f = 0; f < c->lines; f++) {
+        const double complex of = c->line[m * c->lines + f];
+
+        c->left += creal(of * conj(of));
         for (size_t a = 0; a < m; a++)
             for (size_t b = 0; b < m; b++)
                 c->sum[(f * m + a) * m + b] += c->line[a * c->lines + f] * conj(c->line[b * c->lines + f]);
+    }
 }
 
 /* What is left of the output's power when each input has been eliminated. */
@@ -239,20 +269,23 @@ static double left_of_line(double complex *s, size_t m)
     return fmin(whole, fmax(0.0, creal(s[m * m - 1])));
 }
 
-/* The part of output @p i that its inputs explain, whatever the model; NAN: the record is too short. */
-static double explained(const struct apc_record *r, size_t i, struct cross *c)
+/* The part of output @p i that its inputs explain, by the model or by any linear one that forgets within a segment; NAN:
+ * the record is too short. */
+static double explained(const struct doubts *z, size_t i, struct cross *c)
 {
+    const struct apc_record *r = &z->d->record;
     const size_t m = c->inputs + 1;
     double whole = 0.0, left = 0.0;
 
     c->segments = 0;
+    c->left = 0.0;
     for (size_t k = 0; k < c->lines * m * m; k++)
         c->sum[k] = apc_complex(0.0, 0.0);
     for (size_t g = 0; g < apc_record_runs(r); g++) {
         const size_t end = apc_record_end(r, g);
 
         for (size_t from = end - apc_record_run(r, g).n; from + c->length <= end; from += c->length / 2)
-            add_segment(c, r, i, from);
+            add_segment(c, z, i, from);
     }
     if (c->segments < 2 * m)
         return (double)NAN;
@@ -261,7 +294,7 @@ static double explained(const struct apc_record *r, size_t i, struct cross *c)
         left += left_of_line(c->sum + f * m * m, m);
     }
     left *= (double)c->segments / (double)(c->segments - c->inputs); /* so many went into the fit */
-    return whole > 0.0 ? fmax(0.0, 1.0 - left / whole) : (double)NAN;
+    return whole > 0.0 ? fmax(0.0, 1.0 - fmin(left, c->left) / whole) : (double)NAN;
 }
 
 static int doubt_coherence(struct doubts *z)
@@ -274,24 +307,26 @@ static int doubt_coherence(struct doubts *z)
         c.length *= 2;
     c.lines = c.length / 2 - 1;
     c.re = calloc(2 * c.length, sizeof *c.re);
-    c.line = calloc(c.lines * (m + m * m), sizeof *c.line);
+    c.line = calloc(c.lines * (m + 1 + m * m), sizeof *c.line);
     if (!c.re || !c.line) {
         free(c.re);
         free(c.line);
         return APC_ENOMEM;
     }
     c.im = c.re + c.length;
-    c.sum = c.line + c.lines * m;
+    c.sum = c.line + c.lines * (m + 1);
     for (size_t i = 0; i < r->ny; i++) {
-        const double share = explained(r, i, &c);
+        const double share = explained(z, i, &c);
 
         if (!(share < LEAST_EXPLAIN))
             continue;
         struct grid_doubt *one = add_doubt(z, "coherence", z->d->output[i], share);
         snprintf(one->text, sizeof one->text,
-                 "%s: of what moves it faster than each %.3g s the inputs explain %.0f %%, whatever the "
-                 "model: the "
-                 "rest is noise, or an input that is not on record",
+                 "%s: of what moves it faster than each %.3g s the inputs explain %.0f %%, by this model or "
+                 "by any "
+                 "linear one that forgets within so long: the rest is noise, not linear, or of an input that "
+                 "is not "
+                 "on record",
                  z->d->output[i], (double)c.length * r->Ts, 100.0 * share);
     }
     free(c.re);
@@ -301,17 +336,37 @@ static int doubt_coherence(struct doubts *z)
 
 /* ---- All ----------------------------------------------------------------------------------------------------- */
 
-int grid_doubts(const struct identify_data *d, const double *left, struct grid_doubt **to, size_t *n)
+/* What @p model leaves of the outputs, [n * ny], to be freed; NAN where it says nothing. NULL: out of memory. */
+static double *leave(const struct apc_record *record, const struct apc_linear *model, const double *u0,
+                     const double *y0)
+{
+    struct apc_record on = *record;
+    struct apc_validation of[IDENTIFY_SIGNALS];
+    double *moved = on.runs > 1 ? apc_record_gather(&on, u0, y0) : NULL,
+           *left = on.runs > 1 && !moved ? NULL : calloc(on.n * on.ny, sizeof *left);
+    const int rc = left ? apc_validate(model, NULL, &on, on.n / 10, of, left, NULL) : APC_ENOMEM;
+
+    for (size_t k = 0; k < on.n * on.ny && left; k++)
+        left[k] = rc < 0 ? (double)NAN : on.y[k] - left[k];
+    free(moved);
+    return left;
+}
+
+int grid_doubts(const struct identify_data *d, const struct apc_linear *model, const double *u0,
+                const double *y0, struct grid_doubt **to, size_t *n)
 {
     const struct apc_record *r = &d->record;
     const size_t inputs = r->nu + r->nd,
                  most = 2 * (inputs + r->ny) + r->ny * (inputs + apc_record_runs(r) + 1);
+    double *const left = leave(r, model, u0, y0);
     struct doubts z = {d, left, calloc(most, sizeof **to), 0};
 
     *to = z.to;
     *n = 0;
-    if (!z.to)
+    if (!left || !z.to) {
+        free(left);
         return APC_ENOMEM;
+    }
     for (size_t j = 0; j < inputs; j++)
         doubt_limit(&z, d->input[j], r->u + j, inputs);
     for (size_t i = 0; i < r->ny; i++) {
@@ -323,5 +378,15 @@ int grid_doubts(const struct identify_data *d, const double *left, struct grid_d
     }
     const int rc = doubt_coherence(&z);
     *n = z.n;
+    free(left);
     return rc;
+}
+
+void grid_doubts_json(const struct grid_doubt *doubt, size_t n, struct text *t)
+{
+    json_add(t, "doubts:[");
+    for (const struct grid_doubt *d = doubt; d < doubt + n; d++)
+        json_add(t, "{kind:%s, of:%s, with:%s, value:%g, text:%s}", d->kind, d->of, d->with, d->value,
+                 d->text);
+    json_add(t, "]");
 }

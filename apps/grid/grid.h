@@ -107,8 +107,11 @@ struct grid_doubt {
     double value;          /* share of samples; drift; correlation; share that is explained */
     char text[300];
 };
-/* @p left [n * ny] is what a model leaves of the outputs, NAN where it says nothing. *to is to be freed in either case.
- * Returns 0 or APC_ENOMEM. */
-int grid_doubts(const struct identify_data *d, const double *left, struct grid_doubt **to, size_t *n);
+/* @p model, around u0 and y0 of each record, tells what the inputs leave. *to is to be freed in either case. Returns 0 or
+ * APC_ENOMEM. */
+int grid_doubts(const struct identify_data *d, const struct apc_linear *model, const double *u0,
+                const double *y0, struct grid_doubt **to, size_t *n);
+/* As a member of JSON. */
+void grid_doubts_json(const struct grid_doubt *doubt, size_t n, struct text *t);
 
 #endif

@@ -319,23 +319,9 @@ static int find_candidate_models(struct identification *z)
 static int find_doubts(struct identification *z)
 {
     const struct identify_model *m = &z->model[z->model[TRANSFER].linear ? TRANSFER : z->chosen];
-    struct apc_record on = z->data.record;
-    const size_t n = on.n * on.ny;
-    double *moved = on.runs > 1 ? apc_record_gather(&on, m->u0, m->y0) : NULL;
-    double *left = calloc(n, sizeof *left);
-    struct apc_validation of[IDENTIFY_SIGNALS];
-    struct apc_error why;
-    int rc = left && (on.runs <= 1 || moved) ? 0 : APC_ENOMEM;
+    const int rc = grid_doubts(&z->data, m->linear, m->u0, m->y0, &z->doubt, &z->doubts);
 
-    if (rc == 0)
-        rc = apc_validate(m->linear, NULL, &on, on.n / 10, of, left, &why);
-    for (size_t k = 0; k < n && rc == 0; k++)
-        left[k] = on.y[k] - left[k];
-    if (rc == 0)
-        rc = grid_doubts(&z->data, left, &z->doubt, &z->doubts);
-    free(left);
-    free(moved);
-    return rc == APC_ENOMEM ? cli_error(&z->cli, rc, "out of memory") : EXIT_OK;
+    return rc < 0 ? cli_error(&z->cli, rc, "out of memory") : EXIT_OK;
 }
 
 /* ---- Writing ------------------------------------------------------------------------------------------ */
@@ -343,7 +329,7 @@ static int find_doubts(struct identification *z)
 /* On one line, as a shell takes it. */
 static void put_shell_word(FILE *out, const char *word)
 {
-    const bool plain = *word && !word[strcspn(word, " !\"#$&'()*;<>?[\\]^`{|}~")];
+    const bool plain = *word && !word[strcspn(word, " \t\n\r!\"#$&'()*;<>?[\\]^`{|}~")];
 
     fputs(plain ? " " : " '", out);
     for (; *word; word++)
@@ -354,33 +340,38 @@ static void put_shell_word(FILE *out, const char *word)
     fputs(plain ? "" : "'", out);
 }
 
-/* Of a URI or --option=URI what store_name() shows. */
-static void note_command(struct identification *z, int argc, char **argv)
+/* Of a URI or --option=URI what store_name() shows. False: out of memory. */
+static bool note_command(struct identification *z, int argc, char **argv)
 {
-    FILE *out = fmemopen(z->command, sizeof z->command, "w");
+    size_t size;
+    FILE *out = open_memstream(&z->command, &size);
+    bool whole = out != NULL;
 
-    for (int i = 0; i < argc && out; i++) {
+    for (int i = 0; i < argc && whole; i++) {
         const char *const is = argv[i][0] == '-' ? strchr(argv[i], '=') : NULL,
                           *value = is ? is + 1 : argv[i];
         const char *at = strrchr(value, '@'), *end = at && strstr(at, "..") ? at : value + strlen(value);
-        char uri[1000], name[600], word[1800];
+        char *const uri = strndup(value, (size_t)(end - value));
+        const bool masked = uri && store_is_uri(uri);
+        char name[600], word[900];
 
-        snprintf(uri, sizeof uri, "%.*s", (int)(end - value), value);
-        if (store_is_uri(uri))
+        whole = uri != NULL;
+        if (masked) {
             store_name(uri, name, sizeof name);
-        snprintf(word, sizeof word, "%.*s%s%.200s", (int)(value - argv[i]), argv[i],
-                 store_is_uri(uri) ? name : uri, end);
-        put_shell_word(out, word);
+            snprintf(word, sizeof word, "%.*s%s%.200s", (int)(value - argv[i]), argv[i], name, end);
+        }
+        if (whole)
+            put_shell_word(out, masked ? word : argv[i]);
+        free(uri);
     }
-    if (out)
-        fclose(out);
+    return out && fclose(out) == 0 && whole;
 }
 
 /* Whole or not at all. */
 static int write_identified_file(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
-    char part[600], comment[2000], around[300] = "", who[APC_TAG_LEN], now[APC_TIME_LEN];
+    char part[600], who[APC_TAG_LEN], now[APC_TIME_LEN];
     struct apc_error why;
     bool failed;
     FILE *out;
@@ -397,15 +388,16 @@ static int write_identified_file(const struct identification *z)
     out = fopen(part, "we");
     if (!out)
         return cli_error(&z->cli, APC_ESYS, "%s: cannot be written: %s", part, strerror(errno));
-    if (z->cli.n_args > 1)
-        snprintf(around, sizeof around, "# of %d records; the operating point is that of %.200s\n",
-                 z->cli.n_args, z->cli.args[0]);
     operate_who(who, sizeof who);
-    snprintf(comment, sizeof comment,
-             "# %s, %s: apc%s\n# apc identify --model %s: free run %.1f %% of samples that it was not fitted "
-             "to\n%s",
-             apc_time_format(apc_clock_utc(NULL), now), who, z->command, m->kind, m->fit, around);
-    identify_write(out, m, &z->data, comment);
+    fprintf(out, "# %s, %s: apc%s\n", apc_time_format(apc_clock_utc(NULL), now), who, z->command);
+    fprintf(out, "# apc identify --model %s: free run %.1f %% of samples that it was not fitted to\n",
+            m->kind, m->fit);
+    if (z->cli.n_args > 1) {
+        fprintf(out, "# of %d records; the operating point is that of", z->cli.n_args);
+        put_shell_word(out, z->cli.args[0]);
+        fputc('\n', out);
+    }
+    identify_write(out, m, &z->data);
     failed = ferror(out) != 0;
     failed |= fclose(out) != 0;
     if (failed) {
@@ -460,12 +452,14 @@ int command_identify(int argc, char **argv)
     struct identification *z = calloc(1, sizeof *z);
     int rc;
 
-    if (!z) {
+    if (!z || !note_command(z, argc, argv)) {
         fputs("apc identify: out of memory\n", stderr);
+        if (z)
+            free(z->command);
+        free(z);
         return EXIT_ERROR;
     }
     z->own = (struct identify_options){.share = 0.67, .kind = KINDS};
-    note_command(z, argc, argv);
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
     rc = spare_files(z);
     if (rc == EXIT_OK)
@@ -497,6 +491,7 @@ out:
     identify_data_free(&z->data);
     identify_data_free(&z->other);
     free(z->doubt);
+    free(z->command);
     free(z);
     return rc;
 }

@@ -37,8 +37,10 @@ enum identify_kind { TRANSFER, ARX, SUBSPACE, FIR, KINDS };
 
 struct identify_options {
     struct identify_selection selection;
-    const char *from, *to, *validate, *output, *figure, *plant; /* plant: the experiment file that has it */
-    char *find[IDENTIFY_SIGNALS]; /* parameters of the plant; finds 0: models are sought */
+    const char *from, *to;
+    char *validate;
+    const char *output, *figure, *plant; /* plant: the experiment file that has it */
+    char *find[IDENTIFY_SIGNALS];        /* parameters of the plant; finds 0: models are sought */
     size_t finds;
     char *prior[IDENTIFY_SIGNALS]; /* "NAME=MEAN+-DEVIATION" of some of these */
     size_t priors;
@@ -67,7 +69,8 @@ struct identification {
     size_t fitted;     /* samples that were fitted to */
     double controller; /* s, its period; 0: the record does not say */
     int chosen;
-    char command[1000]; /* as it was typed, without passwords */
+    char *command;                         /* as it was typed, without passwords */
+    char shown[IDENTIFY_RECORDS + 1][600]; /* stores, without passwords; the last is that of --validate */
     struct grid_doubt *doubt;
     size_t doubts;
 };
@@ -90,9 +93,8 @@ bool identify_untold(const struct apc_transfer *g, const struct apc_transfer *e,
 int identify_show_signals(const struct identification *z);
 /* The report, as --json and --csv say. */
 void identify_show(const struct identification *z);
-/* The model as a file for a controller. @comment, lines of it. */
-void identify_write(FILE *out, const struct identify_model *model, const struct identify_data *data,
-                    const char *comment);
+/* The model as a file for a controller. */
+void identify_write(FILE *out, const struct identify_model *model, const struct identify_data *data);
 /* A figure of what was measured and what the model says of it: NAME.svg and NAME.png. */
 int identify_figure(const char *name, const struct identify_model *model, const struct identify_data *data,
                     struct apc_error *why);

@@ -6,22 +6,22 @@
 
 #define TIMEOUT (60 * APC_NS_PER_S)
 
-static int read_uri(struct reading *r)
-{
-    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = TIMEOUT};
-    int rc = store_open(&r->store, r->file, &options, r->why);
-
-    if (rc == 0)
-        rc = stored_read(r);
-    apc_store_close(r->store);
-    return rc;
-}
-
 int identify_read(struct identify_data *data, const char *file, const struct identify_selection *selection,
                   struct apc_error *why)
 {
-    const struct grid_source from = {.file = file,
-                                     .read = store_is_uri(file) ? read_uri : identify_read_files};
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = TIMEOUT};
+    struct grid_source from = {.file = file, .read = identify_read_files};
+    char name[600];
+    int rc = 0;
 
-    return grid_read(data, &from, selection, why);
+    if (store_is_uri(file)) {
+        store_name(file, name, sizeof name);
+        from.file = name;
+        from.read = stored_read;
+        rc = store_open(&from.store, file, &options, why);
+    }
+    if (rc == 0)
+        rc = grid_read(data, &from, selection, why);
+    apc_store_close(from.store);
+    return rc;
 }

@@ -86,17 +86,28 @@ static int compare_records(const char *a, const struct identify_data *one, const
 
 /* ---- Reading ------------------------------------------------------------------------------------------- */
 
+/* @p file, of a store without its passwords. */
+static char *shown_file(char *file, char room[600])
+{
+    if (!store_is_uri(file))
+        return file;
+    store_name(file, room, 600);
+    return room;
+}
+
 /* Record @p i at the period of those before it; data[0] is the first. */
 static int read_record(struct identification *z, size_t i, struct identify_data *data, struct apc_error *why)
 {
-    const char *first = z->cli.args[0], *file = z->cli.args[i];
+    char *const record = z->cli.args[i], *const file = shown_file(record, z->shown[i]);
     struct identify_selection selection = z->own.selection;
     double apart;
-    int rc = take_record_window(&z->cli, file, z->window[i].from, z->window[i].to, &selection);
+    int rc = take_record_window(&z->cli, record, z->window[i].from, z->window[i].to, &selection);
 
     if (rc != EXIT_OK)
         return rc;
-    rc = identify_read(&data[i], file, &selection, why);
+    z->cli.args[i] = file;
+    const char *const first = z->cli.args[0];
+    rc = identify_read(&data[i], record, &selection, why);
     if (rc == 0 && i > 0)
         rc = compare_records(first, &data[0], file, &data[i], why);
     apart = rc == 0 ? fabs(data[i].record.Ts / data[0].record.Ts - 1.0) : 0.0;
@@ -109,7 +120,7 @@ static int read_record(struct identification *z, size_t i, struct identify_data 
     if (rc == 0 && apart > 0.0) {
         identify_data_free(&data[i]);
         selection.period = data[0].record.Ts;
-        rc = identify_read(&data[i], file, &selection, why);
+        rc = identify_read(&data[i], record, &selection, why);
     }
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why->text) : EXIT_OK;
 }
@@ -156,6 +167,7 @@ int identify_read_all(struct identification *z)
     take_record_window(&z->cli, "", NULL, NULL, &selection);
     selection.period = z->data.record.Ts;
     rc = identify_read(&z->other, z->own.validate, &selection, &why);
+    z->own.validate = shown_file(z->own.validate, z->shown[IDENTIFY_RECORDS]);
     if (rc == 0)
         rc = compare_records(z->cli.args[0], &z->data, z->own.validate, &z->other, &why);
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;

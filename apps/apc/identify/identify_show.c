@@ -401,14 +401,9 @@ static void show_models_json(const struct identification *z)
     json_add(&t, "{records:[");
     for (size_t g = 0; g < apc_record_runs(&z->data.record); g++)
         json_add(&t, "{record:%s, samples:%zu}", z->cli.args[g], apc_record_run(&z->data.record, g).n);
-    json_add(&t, "], doubts:[");
-    for (size_t i = 0; i < z->doubts; i++) {
-        const struct grid_doubt *d = &z->doubt[i];
-
-        json_add(&t, "{kind:%s, of:%s, with:%s, value:%g, text:%s}", d->kind, d->of, d->with, d->value,
-                 d->text);
-    }
-    json_add(&t, "], samples:%zu, fitted:%zu, period:%g, chosen:%s, models:[", z->data.record.n, z->fitted,
+    json_add(&t, "],");
+    grid_doubts_json(z->doubt, z->doubts, &t);
+    json_add(&t, ", samples:%zu, fitted:%zu, period:%g, chosen:%s, models:[", z->data.record.n, z->fitted,
              z->data.record.Ts, z->model[z->chosen].kind);
     for (int k = 0; k < KINDS; k++) {
         if (!z->model[k].kind)

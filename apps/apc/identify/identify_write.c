@@ -95,14 +95,12 @@ static void put_filter(FILE *out, const struct apc_identified *m)
     fputs("];\n", out);
 }
 
-void identify_write(FILE *out, const struct identify_model *model, const struct identify_data *data,
-                    const char *comment)
+void identify_write(FILE *out, const struct identify_model *model, const struct identify_data *data)
 {
     const struct apc_linear *m = model->linear;
     const size_t inputs = m->nu + m->nd;
     char untold[200];
 
-    fputs(comment, out);
     for (size_t p = 0; model->g && p < inputs * m->ny; p++)
         if (identify_untold(&model->g[p], &model->error[p], untold, sizeof untold))
             fprintf(out, "# %s to %s: the record does not tell %s\n", data->input[p % inputs],
