@@ -3,6 +3,12 @@
 // what is of the plant, or a sentence of its own; {=} for what is never one, {mode} for a mode, {s} for a plural or nothing. In German
 // they are numbered as they come. The first that fits counts.
 export const sentences: Record<string, string> = {
+  // what makes a record doubtful for models
+  "{=} stands at its highest, {=}, in {=} % of the samples: at a limit a record says little": "{1} steht in {3} % der Werte an seinem höchsten, {2}: an einer Grenze sagt eine Aufzeichnung wenig",
+  "{=} stands at its lowest, {=}, in {=} % of the samples: at a limit a record says little": "{1} steht in {3} % der Werte an seinem niedrigsten, {2}: an einer Grenze sagt eine Aufzeichnung wenig",
+  "{=} drifts by {=} beside what the inputs do, and its standard deviation is {=}: choose a shorter window, or name what moves it as an input": "{1} driftet um {2} neben dem, was die Eingänge bewirken, und seine Standardabweichung ist {3}: ein kürzeres Zeitfenster wählen, oder als Eingang nennen, was ihn bewegt",
+  "{=} answers the noise of {=} (correlation of signs {=}): a loop was closed, noise alone shows its controller": "{1} antwortet auf das Rauschen von {2} (Korrelation der Vorzeichen {3}): ein Regelkreis war geschlossen, Rauschen allein zeigt seinen Regler",
+  "{=}: of what moves it faster than each {=} s the inputs explain {=} %, by this model or by any linear one that forgets within so long: the rest is noise, not linear, or of an input that is not on record": "{1}: Von dem, was schneller als alle {2} s geschieht, erklären die Eingänge {3} %, nach diesem Modell und nach jedem linearen, das in dieser Zeit vergisst: der Rest ist Rauschen, nichtlinear oder von einem Eingang, der nicht aufgezeichnet ist",
   // requests that are refused
   "\"{=}\" is not known here": "„{1}“ ist hier nicht bekannt",
   "\"{=}\" is missing": "„{1}“ fehlt",

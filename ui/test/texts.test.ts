@@ -123,6 +123,12 @@ test("each verdict on a loop, and what it rests on, has a sentence in German", (
   for (const word of ["sensor", "valve", "tight", "periodic", "oscillates", "limited", "slow", "unknown", "good"]) assert.ok(`health.${word}` in en, word);
 });
 
+test("what makes a record doubtful has a sentence in German", () => {
+  const doubts = ["doubt_limit", "doubt_drift", "doubt_loop", "doubt_coherence"].flatMap(of => strings(body("apps/grid/doubts.c", of))).flatMap(one => ["highest", "lowest"].map(end => one.replaceAll("%%", "%").replace("at its %s", `at its ${end}`)));
+  assert.equal(doubts.filter(one => one.includes("%s")).length, 8, String(doubts));
+  assert.deepEqual(missing(doubts.filter(one => one.includes("%s"))), []);
+});
+
 // Promise(page): What laws have and publish is described in German as well.
 test("each parameter that a law has, and each variable that it publishes, is described in German", () => {
   const laws = [...sources].filter(([name]) => name.startsWith("src/control/"));
@@ -200,6 +206,8 @@ test("the server's sentences are worded in German, whatever they are put togethe
     "there is no \"x\" to be set; there are: r, u": "es gibt nichts Einstellbares namens „x“; es gibt: r, u",
     "tick 5 at 2026-01-31 12:00:00: mark was 1, is 2: the law, its settings or its model are not those that ran": "Takt 5 um 2026-01-31 12:00:00: mark war 1, ist 2: Regelgesetz, Einstellungen oder Modell sind nicht die, die liefen",
     "y.high: there is nothing to acknowledge: it is Normal": "y.high: es gibt nichts zu quittieren: it is Normal",
+    "u stands at its lowest, -1.6, in 12 % of the samples: at a limit a record says little": "u steht in 12 % der Werte an seinem niedrigsten, -1.6: an einer Grenze sagt eine Aufzeichnung wenig",
+    "u answers the noise of y (correlation of signs -0.20): a loop was closed, noise alone shows its controller": "u antwortet auf das Rauschen von y (Korrelation der Vorzeichen -0.20): ein Regelkreis war geschlossen, Rauschen allein zeigt seinen Regler",
     "r: the ramp ended: it is 5": "r: die Rampe ist beendet: jetzt 5",
     "sensor 1: rows are missing in the record from the beginning to now": "sensor 1: in der Aufzeichnung fehlen Zeilen von Beginn bis jetzt",
   };

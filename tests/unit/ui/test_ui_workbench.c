@@ -152,6 +152,25 @@ static void several_windows_are_fitted_together(void **state)
     }
 }
 
+/* Promise(server/model/doubts): `GET /api/model` tells what makes the record doubtful, as `apc identify` does. */
+static void what_makes_the_record_doubtful_is_told(void **state)
+{
+    (void)state;
+    simulate_paper("high = 10.0;", "high = 1.6;");
+    ask_query((const char *[]){"inputs", "u", "outputs", "y", "since", since_begin(10), "until",
+                               since_begin(RUN), NULL});
+    json_t *json = answered(get_model);
+    const json_t *doubts = json_object_get(json, "doubts"), *doubt = json_array_get(doubts, 0);
+    assert_int_equal(json_array_size(doubts), 1);
+    assert_string_equal(json_string_value(json_object_get(doubt, "kind")), "limit");
+    assert_string_equal(json_string_value(json_object_get(doubt, "of")), "u");
+    assert_true(json_is_null(json_object_get(doubt, "with")));
+    assert_true(number_in(doubt, "value") > 0.05 && number_in(doubt, "value") < 0.5);
+    assert_non_null(
+        strstr(json_string_value(json_object_get(doubt, "text")), "u stands at its highest, 1.6,"));
+    json_decref(json);
+}
+
 /* Promise(server/model) */
 static void a_record_that_cannot_tell_is_refused_with_the_reason(void **state)
 {
@@ -332,6 +351,7 @@ int main(void)
         TEST(the_model_of_the_paper_is_found_in_its_record),
         TEST(several_windows_are_fitted_together),
         TEST(figures_of_signals_are_of_the_window),
+        TEST(what_makes_the_record_doubtful_is_told),
         TEST(a_record_that_cannot_tell_is_refused_with_the_reason),
         TEST(a_preview_is_what_the_loop_would_do),
         TEST(the_worst_of_the_models_is_shown),
