@@ -13,6 +13,7 @@ simulator=$pid
 until_true 60 grep -q APC_STORE "$work/run.log"
 store=$(sed -n "s/.*export APC_STORE='\(.*\)'/\1/p" "$work/run.log")
 until_true 60 "$apc" speed --store "$store"
+segment=(/dev/shm/apc.run-"$simulator"-*) # the page's test kills it
 serve ui --store "$store" --spool "$work/run"
 export APC_UI_URL=$ui_url APC_UI_SIMULATOR=$simulator APC_UI_COMMAND=$work/command
 in_browser speed
@@ -20,3 +21,6 @@ in_browser speed
 cd "$work"
 APC_STORE=$store PATH=$APC_BIN:$PATH bash -c "$(sed 's/EXPERIMENT/first-order/; s/--speed 0/--speed max/' command) --duration 2 --no-ui --out whatif" >whatif.log 2>&1 || fail "$(cat command whatif.log)"
 grep -q '^past = ' whatif/record.conf || fail "it did not go on: $(cat whatif/record.conf)"
+# The second run that the page started keeps its record as any other, before all of it goes.
+kill "$(sed -n 's/^live: *shm:run-\([0-9]*\)-.*/\1/p' "$work/run.fork1.log")"
+until_true 60 grep -q '^samples:' "$work/run.fork1.log"
