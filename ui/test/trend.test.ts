@@ -109,8 +109,8 @@ const made = (text: string): Calculation => {
 // Promise(page/trend-calculated-pens): A calculated pen has its unit, is a gap where it has no value, and an expression is bounded.
 test("a calculated pen has its unit, and is a gap where it has no value", () => {
   const curves: Record<string, Series> = {"sensor.1": of([0, 10, 20, 30], [1, 2, null, 4]), "sensor.2": of([5, 10, 25], [0, 1, 0]), "actuator.1": of([0], [2])};
-  const values = (text: string): (number | null)[][] => {
-    const {t, mid} = made(text).series(ref => curves[ref] as Series);
+  const values = (text: string, binned = false): (number | null)[][] => {
+    const {t, mid} = made(text).series(ref => curves[ref] as Series, binned);
     return t.map((at, i) => [at, mid[i] ?? null]);
   };
   assert.deepEqual(values("= y1 - y2"), [[0, null], [5, 1], [10, 1], [20, null], [25, null], [30, 4]]);
@@ -118,6 +118,8 @@ test("a calculated pen has its unit, and is a gap where it has no value", () => 
   assert.deepEqual(values("=-(-y1)+2*(3-1)-8/2"), [[0, 1], [10, 2], [20, null], [30, 4]]);
   assert.deepEqual(values("=mean(y1,20)"), [[0, null], [10, null], [20, null], [30, 2]], "of the time that it has a value, and never of less than its time");
   assert.deepEqual(values("=mean(y1,5)"), [[0, null], [10, 1], [20, null], [30, null]]);
+  assert.deepEqual(values("=mean(y1,5)", true), [[0, null], [10, 2], [20, null], [30, 4]], "a bin tells of the time up to it");
+  assert.deepEqual(values("=mean(y1,20)", true), [[0, null], [10, null], [20, null], [30, 4]]);
   assert.deepEqual(values("=1e300*u1*1e300"), [[0, null]], "what is no number any more");
   curves["sensor.2"] = of([0, 1], [1, 1]);
   curves["sensor.1"] = of([0, 1, 2, 4, 5], [5, 6, 7, 8, 9]);

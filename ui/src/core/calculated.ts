@@ -18,7 +18,7 @@ type Column = (number | null)[];
 interface Part {
   unit: string | null; // null: a number alone, which takes any
   back: number; // s before a time that its value needs
-  column: (t: number[], of: (ref: Ref) => Column) => Column;
+  column: (t: number[], of: (ref: Ref) => Column, binned: boolean) => Column;
   number?: number;
 }
 
@@ -26,7 +26,7 @@ export interface Calculation {
   variable: Variable;
   sources: Variable[];
   back: number;
-  series: (of: (ref: Ref) => Series) => Series;
+  series: (of: (ref: Ref) => Series, binned: boolean) => Series;
 }
 
 class Wrong extends Error {}
@@ -48,19 +48,21 @@ function both(name: string, a: Part, b: Part): Part {
   return {
     unit: (name === "*" ? product : name === "/" ? quotient : common)(a.unit, b.unit),
     back: Math.max(a.back, b.back),
-    column(t, of) {
-      const others = b.column(t, of);
-      return a.column(t, of).map((one, i) => (one == null || others[i] == null ? null : finite(operation(one, others[i]!))));
+    column(t, of, binned) {
+      const others = b.column(t, of, binned);
+      return a.column(t, of, binned).map((one, i) => (one == null || others[i] == null ? null : finite(operation(one, others[i]!))));
     },
   };
 }
 
-/** Of the time before each one, each value as long as it stood; a gap where there is one, or no record of all of it. */
-function meanOf(t: number[], v: Column, over: number): Column {
+/** Of the time before each one, each value as long as it stood; a gap where there is one, or no record of all of it.
+ *  What a bin says is of the time up to it. */
+function meanOf(t: number[], v: Column, over: number, binned: boolean): Column {
+  const told = binned ? 1 : 0; // of the times around a span, which tells its value
   const area = [0]; // of what is known, up to each time
   const known = [0];
   for (let i = 1; i < t.length; i++) {
-    const [dt, value] = [t[i]! - t[i - 1]!, v[i - 1]];
+    const [dt, value] = [t[i]! - t[i - 1]!, v[i - 1 + told]];
     area.push(area[i - 1]! + (value == null ? 0 : value * dt));
     known.push(known[i - 1]! + (value == null ? 0 : dt));
   }
@@ -69,9 +71,10 @@ function meanOf(t: number[], v: Column, over: number): Column {
     const begin = now - over;
     while (from + 1 < t.length && t[from + 1]! <= begin) from++;
     if (v[i] == null || begin < t[0]!) return null;
-    const part = v[from] == null ? 0 : begin - t[from]!;
+    const value = v[from + told];
+    const part = value == null ? 0 : begin - t[from]!;
     const time = known[i]! - known[from]! - part;
-    return time > 0 ? finite((area[i]! - area[from]! - (v[from] ?? 0) * part) / time) : null;
+    return time > 0 ? finite((area[i]! - area[from]! - (value ?? 0) * part) / time) : null;
   });
 }
 
@@ -107,7 +110,7 @@ function readPart(tokens: string[], signalOf: (name: string) => Variable): Part 
       needs(",");
       const over = sum().number ?? 0;
       if (!(over > 0 && over <= MOST_MEAN)) wrong(tr("calc.most"));
-      return {...of, number: undefined, back: of.back + over, column: (t, from) => meanOf(t, of.column(t, from), over)};
+      return {...of, number: undefined, back: of.back + over, column: (t, from, binned) => meanOf(t, of.column(t, from, binned), over, binned)};
     });
     if (/^\d/.test(name)) return constant(Number(name));
     const {ref, unit} = signalOf(name);
@@ -157,13 +160,13 @@ export function calculated(text: string, all: Variable[]): Calculation | string 
       sources: [...sources],
       back: part.back,
       /** At all times at which one of them has a value or begins to have none. */
-      series(of) {
+      series(of, binned) {
         const curves = new Map([...sources].map(one => [one.ref, {curve: of(one.ref), until: knownTo(one, of(one.ref))}]));
         const t = [...new Set([...curves.values()].flatMap(one => one.curve.t))].sort((a, b) => a - b);
         const mid = part.column(t, ref => {
           const {curve, until} = curves.get(ref)!;
           return t.map(at => (at > until ? null : (curve.mid[indexAt(curve, at)] ?? null)));
-        });
+        }, binned);
         return {t, low: mid, high: mid, mid};
       },
     };

@@ -10,7 +10,7 @@ import {connection, inShadow, knownUntil, live, variable} from "./model";
 import {exact} from "./format";
 import {byUnit} from "./pens";
 import {extent, niceScale, type Scale} from "./scale";
-import {empty, held, type Series, type Stood, stoodAt, trim, valueAt, visible} from "./series";
+import {empty, held, type Series, type Stood, stoodAt, trim, visible} from "./series";
 import type {Loop, Plant, Ref, Variable} from "./types";
 import {tr} from "./texts";
 
@@ -145,7 +145,7 @@ export class Curves {
       const now = sources.map(({t}) => `${t.length} ${t[0]} ${t.at(-1)}`).join();
       let made = this.made.get(ref);
       if (made?.of !== now || sources.some((one, i) => one.mid !== made?.sources[i]?.mid))
-        this.made.set(ref, (made = {of: now, sources, series: of.series(source => sources[of.sources.findIndex(one => one.ref === source)] as Series)}));
+        this.made.set(ref, (made = {of: now, sources, series: of.series(source => sources[of.sources.findIndex(one => one.ref === source)] as Series, this.bins(ref) > 0)}));
       return made.series;
     }
     return this.of.find(one => one.variable.ref === ref)?.series ?? empty();
@@ -207,18 +207,27 @@ export class Curves {
     return times.slice(Math.max(0, times.length - most));
   }
 
+  /** How wide the bins are that stand for its samples in a window, s; of what is calculated, those of its signals; 0: none. */
+  bins(ref: Ref, from = -Infinity, to = Infinity): number {
+    const widths = this.of.map(({variable: one, series: {t, low, high}, drawnFor: {span, pixels}}) => {
+      if (one.ref !== ref && !calculation(ref)?.sources.some(source => source.ref === one.ref)) return 0;
+      const binned = low.some((least, i) => least !== high[i] && (t[i] as number) >= from && (t[i] as number) <= to); // more samples than its period says
+      return binWidth(one, span, pixels) || (binned ? span / pixels : 0);
+    });
+    return Math.max(0, ...widths);
+  }
+
   /** What a table of such a window has of each: samples, or bins, how wide those are that are there, and between what it moved in them. */
   columns(from: number, to: number): Column[] {
     return refsIn(this.subject).flatMap(ref => {
-      const asked = this.of.find(({variable: {ref: other}}) => other === ref);
-      if (!asked) return calculation(ref) ? [{ref, head: describe(variable(ref)), at: valueAt}] : [];
-      const {variable: one, series: {t, low, high}, drawnFor: {span, pixels}} = asked;
-      const binned = low.some((least, i) => least !== high[i] && (t[i] as number) >= from && (t[i] as number) <= to); // more samples than its period says
-      const width = binWidth(one, span, pixels) || (binned ? span / pixels : 0);
+      const one = variable(ref);
+      if (!one) return [];
+      const width = this.bins(ref, from, to);
       const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});
       if (width === 0) return [column(describe(one), "mid")];
       const called = (key: "trend.binMean" | "trend.binLast" | "trend.binMin" | "trend.binMax"): string => tr(key, {signal: describe(one), width: exact(Number(width.toPrecision(3)))});
-      return [column(called(one.table === "sensor" ? "trend.binMean" : "trend.binLast"), "mid"), column(called("trend.binMin"), "low"), column(called("trend.binMax"), "high")];
+      const middle = column(called(one.table === "sensor" ? "trend.binMean" : "trend.binLast"), "mid");
+      return calculation(ref) ? [middle] : [middle, column(called("trend.binMin"), "low"), column(called("trend.binMax"), "high")];
     });
   }
 }

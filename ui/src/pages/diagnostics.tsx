@@ -2,6 +2,7 @@
 import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
+import {env} from "../core/env";
 import {useCell} from "../usecell";
 import {clock, duration, missing, period, stamp, when, zone, zoneAt} from "../core/format";
 import {limit, words, worth, worthKeys} from "../core/quality";
@@ -13,14 +14,14 @@ import {path} from "../router";
 import type {Diagnostics, Figures} from "../core/types";
 import {said, tr} from "../core/texts";
 
-const PERIOD = 1000; // ms between two questions
+const PERIOD = 1; // s between two questions
 
 export function DiagnosticsPage(): JSX.Element {
   const [d, setD] = useState<Diagnostics | null>(null);
   const [error, setError] = useState<string | null>(null);
   useEffect(() => {
     let wanted = true;
-    let timer: ReturnType<typeof setTimeout>;
+    let stop = (): void => {};
     const ask = (): void => {
       get<Diagnostics>("/api/diagnostics", {}, 3)
         .then(
@@ -32,13 +33,13 @@ export function DiagnosticsPage(): JSX.Element {
           (reason: Error) => wanted && setError(reason.message),
         )
         .finally(() => {
-          if (wanted) timer = setTimeout(ask, PERIOD);
+          if (wanted) stop = env.later(ask, PERIOD);
         });
     };
     ask();
     return () => {
       wanted = false;
-      clearTimeout(timer);
+      stop();
     };
   }, []);
   if (!d) return <Nothing title={tr("page.diagnostics")}>{error ?? tr("diagnostics.loading")}</Nothing>;

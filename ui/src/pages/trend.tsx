@@ -228,19 +228,17 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   }, [compare, win.ahead]);
 
   // What is asked of the history: the window, whenever it is another one or may lack something.
-  useEffect(() => {
-    const timer = setTimeout(
-      () => {
+  useEffect(
+    () =>
+      env.later(() => {
         const [from, to] = bounds(win, shownNow());
         curves.fill(from, to, chart.current?.pixels ?? 800, win.live && shownAt.value == null, () => {
           draw();
           setDrawn(n => n + 1);
         });
-      },
-      win.live ? 0 : 120,
-    );
-    return () => clearTimeout(timer);
-  }, [asked, filled]);
+      }, win.live ? 0 : 0.12),
+    [asked, filled],
+  );
   useEffect(() => () => curves.stop(), []);
   // Of the window before all that will be needed of it while this one goes on.
   useEffect(() => {
@@ -284,10 +282,10 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       soon();
     });
     if (win.live) setFresh(0);
-    const timer = setInterval(soon, 250);
+    const quiet = every(soon, 0.25);
     return () => {
       stop();
-      clearInterval(timer);
+      quiet();
       cancelAnimationFrame(frame);
     };
   }, [win.live]);
@@ -487,15 +485,16 @@ function PenTable({subject, curves, win, cursor, reference, remove}: {subject: S
           {subject.panels.flatMap(panel => panel.pens).map(pen => {
             const one = variable(pen.ref);
             const {min, mean, max} = statistics(curves.drawn(pen.ref), from, to);
+            const ofMeans = isCalculated(pen.ref) && curves.bins(pen.ref, from, to) > 0; // and their extremes are nobody's
             return (
               <tr key={pen.ref}>
                 <th scope="row"><Stroke pen={pen} /> <Tag name={one?.name} /></th>
                 <td data-label={tr("common.unit")}>{one?.unit}</td>
                 <td class="wide" data-label={tr("common.description")}>{one?.description}</td>
                 <td class="number" data-label={tr("trend.current")}><Current of={pen.ref} curves={curves} /></td>
-                <td class="number" data-label={tr("trend.min")}>{told(pen.ref, min)}</td>
+                <td class="number" data-label={tr("trend.min")}>{told(pen.ref, ofMeans ? null : min)}</td>
                 <td class="number" data-label={tr("trend.mean")}>{number(mean, decimals(pen.ref))}</td>
-                <td class="number" data-label={tr("trend.max")}>{told(pen.ref, max)}</td>
+                <td class="number" data-label={tr("trend.max")}>{told(pen.ref, ofMeans ? null : max)}</td>
                 {percentiles(curves.drawn(pen.ref), from, to, PARTS).map((value, i) => <td key={i} class="number" data-label={`${PARTS[i]} %`}>{told(pen.ref, value)}</td>)}
                 <td class="acts"><button type="button" aria-label={tr("trend.removeOf", {signal: one?.name ?? pen.ref})} onClick={() => remove(pen.ref)}>✕</button></td>
               </tr>
