@@ -101,7 +101,7 @@ int grid_signals(const struct identify_data *data, struct text *t, struct signal
 void grid_fourier(double *re, double *im, size_t n);
 
 /* What makes a record doubtful for models. */
-struct grid_doubt {
+struct grid_warning {
     const char *kind;      /* "limit", "drift", "loop", "coherence" */
     const char *of, *with; /* signals; with NULL: none */
     double value;          /* share of samples; drift; correlation; share that is explained */
@@ -109,9 +109,9 @@ struct grid_doubt {
 };
 /* @p model, around u0 and y0 of each record, tells what the inputs leave. *to is to be freed in either case. Returns 0 or
  * APC_ENOMEM. */
-int grid_doubts(const struct identify_data *d, const struct apc_linear *model, const double *u0,
-                const double *y0, struct grid_doubt **to, size_t *n);
+int grid_warnings(const struct identify_data *d, const struct apc_linear *model, const double *u0,
+                  const double *y0, struct grid_warning **to, size_t *n);
 /* As a member of JSON. */
-void grid_doubts_json(const struct grid_doubt *doubt, size_t n, struct text *t);
+void grid_warnings_json(const struct grid_warning *warning, size_t n, struct text *t);
 
 #endif

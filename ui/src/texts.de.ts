@@ -826,7 +826,7 @@ export const de = {
   "workbench.untold": "{value}, geht aus der Aufzeichnung nicht hervor",
   "workbench.response": "{input} → {output}",
   "workbench.response.aria": "Sprungantwort von {input} nach {output}, bis {end}",
-  "workbench.doubt": "Die Aufzeichnung ist zweifelhaft",
+  "workbench.warning": "Die Aufzeichnung ist zweifelhaft",
   "workbench.noEffect": "Es ist keine Wirkung zu sehen.",
   "workbench.unsure": "Aus der Aufzeichnung gehen nicht alle Zahlen hervor: Es gibt kein Intervall.",
   "workbench.integrating": "Integrierend.",

@@ -826,7 +826,7 @@ export const en = {
   "workbench.untold": "{value}, not known from the record",
   "workbench.response": "{input} → {output}",
   "workbench.response.aria": "step response from {input} to {output}, up to {end}",
-  "workbench.doubt": "The record is doubtful",
+  "workbench.warning": "The record is doubtful",
   "workbench.noEffect": "No effect is seen.",
   "workbench.unsure": "The record does not tell all numbers: there is no interval.",
   "workbench.integrating": "Integrating.",

@@ -133,7 +133,7 @@ const cell = {input: "u1", output: "y1", integrating: false, gain: 10, zero: 0, 
 // Promise(page/workbench)
 test("workbench: what the record cannot tell, a model, tunings that are tried, and nothing to write where it is unstable", async () => {
   const queries: Record<string, string>[] = [];
-  const found = {t: START, since: START - 600, until: START, period: 0.5, samples: 1200, records: 1, inputs: ["u1"], outputs: [{name: "y1", fit: 20, white: 0, independent: 0, missing: 3, longest: 2}], doubts: [
+  const found = {t: START, since: START - 600, until: START, period: 0.5, samples: 1200, records: 1, inputs: ["u1"], outputs: [{name: "y1", fit: 20, white: 0, independent: 0, missing: 3, longest: 2}], warnings: [
     {kind: "limit", of: "u1", with: null, value: 0.12, text: "u1 stands at its highest, 1.6, in 12 % of the samples: at a limit a record says little"},
     {kind: "loop", of: "y1", with: "u1", value: -0.2, text: "u1 answers the noise of y1 (correlation of signs -0.20): a loop was closed, noise alone shows its controller"},
   ], cells: [cell]};
@@ -154,9 +154,9 @@ test("workbench: what the record cannot tell, a model, tunings that are tried, a
   await settle();
   assert.match(said(".workbench"), /1200 samples, one each 0.5 s/);
   assert.match(said(".workbench"), /fits 20 % .*This model says little.*Missing samples: 3, at most 2 in a row/);
-  const doubts = (): (string | null)[] => [...document.querySelectorAll("section:has(> #workbench-data) [data-doubt]")].map(one => one.textContent);
-  assert.equal(doubts().length, 2);
-  assert.match(doubts()[0] ?? "", /u1 stands at its highest, 1.6, in 12 % of the samples/);
+  const warnings = (): (string | null)[] => [...document.querySelectorAll("section:has(> #workbench-data) [data-warning]")].map(one => one.textContent);
+  assert.equal(warnings().length, 2);
+  assert.match(warnings()[0] ?? "", /u1 stands at its highest, 1.6, in 12 % of the samples/);
   assert.match(said(".workbench .pairs"), /^Gain 10 ± 0.2 Time constant 10 s, not known from the record Dead time 1 ± 0.2 s$/);
   assert.deepEqual(queries.at(-1), {loop: "1", gain: "10", zero: "0", tau1: "10", tau2: "0", dead_time: "1", gain_error: "0.1", zero_error: "-1", tau1_error: "-1", tau2_error: "-1", dead_time_error: "0.1", integrating: "0", rule: "simc"});
   assert.match(said(".workbench"), /Unstable with 2 of 50 models/);
@@ -180,9 +180,9 @@ test("workbench: what the record cannot tell, a model, tunings that are tried, a
   candidate.dispatchEvent(new window.Event("change", {bubbles: true}) as never);
   await settle();
   assert.equal(gain().value, "10");
-  env.routes.set("/api/model", asked => asked.answer({...found, doubts: []}));
+  env.routes.set("/api/model", asked => asked.answer({...found, warnings: []}));
   await click(button("Identify"));
-  assert.equal(doubts().length, 0, "they are of the record that was taken last");
+  assert.equal(warnings().length, 0, "they are of the record that was taken last");
   env.routes.set("/api/model", () => assert.fail("without windows it would be of the last hour"));
   await type(".workbench input[name=since]", "0");
   await click(button("Bad"));

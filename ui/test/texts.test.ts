@@ -124,9 +124,9 @@ test("each verdict on a loop, and what it rests on, has a sentence in German", (
 });
 
 test("what makes a record doubtful has a sentence in German", () => {
-  const doubts = ["doubt_limit", "doubt_drift", "doubt_loop", "doubt_coherence"].flatMap(of => strings(body("apps/grid/doubts.c", of))).flatMap(one => ["highest", "lowest"].map(end => one.replaceAll("%%", "%").replace("at its %s", `at its ${end}`)));
-  assert.equal(doubts.filter(one => one.includes("%s")).length, 8, String(doubts));
-  assert.deepEqual(missing(doubts.filter(one => one.includes("%s"))), []);
+  const warnings = ["warn_of_limit", "warn_of_drift", "warn_of_loop", "warn_of_coherence"].flatMap(of => strings(body("apps/grid/record_warnings.c", of))).flatMap(one => ["highest", "lowest"].map(end => one.replaceAll("%%", "%").replace("at its %s", `at its ${end}`)));
+  assert.equal(warnings.filter(one => one.includes("%s")).length, 8, String(warnings));
+  assert.deepEqual(missing(warnings.filter(one => one.includes("%s"))), []);
 });
 
 // Promise(page): What laws have and publish is described in German as well.

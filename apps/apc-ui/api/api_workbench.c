@@ -30,8 +30,8 @@ struct modelling {
     struct identify_data part[WINDOWS], data; /* of each window, and of all */
     struct apc_transfer *g, *error;           /* [outputs * inputs] */
     struct apc_validation *judged;            /* [outputs] */
-    struct grid_doubt *doubt;
-    size_t doubts;
+    struct grid_warning *warning;
+    size_t warnings;
 };
 
 bool split_signals(struct request *r, const char *field, char **copy, char *name[], size_t *n)
@@ -154,7 +154,7 @@ static int judge_transfers(struct modelling *m, size_t fitted, const double *u0,
     if (rc == 0)
         rc = apc_validate(linear, NULL, &on, fitted, m->judged, NULL, why);
     if (rc == 0)
-        rc = grid_doubts(&m->data, linear, u0, y0, &m->doubt, &m->doubts);
+        rc = grid_warnings(&m->data, linear, u0, y0, &m->warning, &m->warnings);
     apc_linear_destroy(linear);
     free(moved);
     return rc;
@@ -281,7 +281,7 @@ static void model_json(const struct modelling *m, struct text *t)
                  m->data.output[i], m->judged[i].fit, m->judged[i].white, m->judged[i].independent,
                  m->data.gaps[i].missing, m->data.gaps[i].longest);
     json_add(t, "],");
-    grid_doubts_json(m->doubt, m->doubts, t);
+    grid_warnings_json(m->warning, m->warnings, t);
     json_add(t, ",");
     cells_json(m, t);
     json_add(t, "}");
@@ -310,7 +310,7 @@ void get_model(struct ui *ui, struct request *r, struct apc_store *store)
     for (size_t i = 0; i < m.windows; i++)
         identify_data_free(&m.part[i]);
     identify_data_free(&m.data);
-    free(m.doubt);
+    free(m.warning);
     free(m.judged);
     free(m.g);
     free(m.names[0]);

@@ -316,10 +316,10 @@ static int find_candidate_models(struct identification *z)
 }
 
 /* By the free run over the whole record: of lags where there are some, as another model takes a drift for its own. */
-static int find_doubts(struct identification *z)
+static int find_warnings(struct identification *z)
 {
     const struct identify_model *m = &z->model[z->model[TRANSFER].linear ? TRANSFER : z->chosen];
-    const int rc = grid_doubts(&z->data, m->linear, m->u0, m->y0, &z->doubt, &z->doubts);
+    const int rc = grid_warnings(&z->data, m->linear, m->u0, m->y0, &z->warning, &z->warnings);
 
     return rc < 0 ? cli_error(&z->cli, rc, "out of memory") : EXIT_OK;
 }
@@ -475,7 +475,7 @@ int command_identify(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = find_candidate_models(z);
     if (rc == EXIT_OK)
-        rc = find_doubts(z);
+        rc = find_warnings(z);
     if (rc == EXIT_OK && z->own.output)
         rc = write_identified_file(z);
     if (rc == EXIT_OK && z->own.figure)
@@ -490,7 +490,7 @@ out:
         drop_model(&z->model[k]);
     identify_data_free(&z->data);
     identify_data_free(&z->other);
-    free(z->doubt);
+    free(z->warning);
     free(z->command);
     free(z);
     return rc;

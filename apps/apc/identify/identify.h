@@ -71,8 +71,8 @@ struct identification {
     int chosen;
     char *command;                         /* as it was typed, without passwords */
     char shown[IDENTIFY_RECORDS + 1][600]; /* stores, without passwords; the last is that of --validate */
-    struct grid_doubt *doubt;
-    size_t doubts;
+    struct grid_warning *warning;
+    size_t warnings;
 };
 
 /* Read the arguments into data, and --validate into other. Returns an exit code, its reason told. */

@@ -112,8 +112,8 @@ static void show_record(const struct identification *z)
             printf("%s has %d frequenc%s only: what a model says of others is a guess\n", d->input[j], order,
                    order == 1 ? "y" : "ies");
     }
-    for (size_t i = 0; i < z->doubts; i++)
-        puts(z->doubt[i].text);
+    for (size_t i = 0; i < z->warnings; i++)
+        puts(z->warning[i].text);
 }
 
 static void put_probability(struct print_table *t, double p)
@@ -402,7 +402,7 @@ static void show_models_json(const struct identification *z)
     for (size_t g = 0; g < apc_record_runs(&z->data.record); g++)
         json_add(&t, "{record:%s, samples:%zu}", z->cli.args[g], apc_record_run(&z->data.record, g).n);
     json_add(&t, "],");
-    grid_doubts_json(z->doubt, z->doubts, &t);
+    grid_warnings_json(z->warning, z->warnings, &t);
     json_add(&t, ", samples:%zu, fitted:%zu, period:%g, chosen:%s, models:[", z->data.record.n, z->fitted,
              z->data.record.Ts, z->model[z->chosen].kind);
     for (int k = 0; k < KINDS; k++) {

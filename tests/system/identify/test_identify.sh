@@ -80,9 +80,9 @@ awk 'BEGIN {
 expect 0 'of y these intervals are too narrow' "$apc" identify swings.csv --inputs u --outputs y --model transfer
 
 # what makes a record doubtful is told, with its numbers; of the tank there was nothing to tell
-# Promise(identification/doubts): `apc identify` tells of drift, of signals that stand at a limit, of a loop that was closed, and of how
+# Promise(identification/warnings): `apc identify` tells of drift, of signals that stand at a limit, of a loop that was closed, and of how
 #   much no input explains, each with its number; and leaves who made a model file, when, and by which command in it.
-if grep -Eq 'drifts|stands at|answers|the inputs explain' third.txt; then fail "doubts of a good record: $(cat third.txt)"; fi
+if grep -Eq 'drifts|stands at|answers|the inputs explain' third.txt; then fail "warnings of a good record: $(cat third.txt)"; fi
 awk -F, -v OFS=, 'NR > 1 { $4 += NR / 100 } 1' tank.csv >drift.csv
 expect 0 'level drifts by [89][.0-9]* beside' "$apc" identify drift.csv "${known[@]}" --model transfer
 awk -F, -v OFS=, 'NR > 1 { x = (x * 16807 + 7) % 2147483647; $4 = NR % 100 ? $4 / 10 + 5 * x / 2147483647 : "" } 1' tank.csv >noise.csv
@@ -108,10 +108,10 @@ CONF
 "$apc" simulate closed.conf --report closed >/dev/null
 "$apc" identify closed --model transfer --json -o 'a closed.model' >closed.json
 python3 -c 'import json, sys
-told = {(d["kind"], d["of"]): d for d in json.load(open(sys.argv[1]))["doubts"]}
+told = {(d["kind"], d["of"]): d for d in json.load(open(sys.argv[1]))["warnings"]}
 assert set(told) == {("limit", "u"), ("loop", "y")}, told
 assert 0.1 < told["limit", "u"]["value"] < 0.5 and told["loop", "y"]["value"] < -0.15 and told["loop", "y"]["with"] == "u", told' closed.json ||
-  fail "not these doubts: $(cat closed.json)"
+  fail "not these warnings: $(cat closed.json)"
 grep -q "^# 20.*Z, .*: apc identify closed --model transfer --json -o 'a closed.model'\$" 'a closed.model' || fail "who made it? $(cat 'a closed.model')"
 
 long=$(printf 'd%.0s' {1..250}) # whole however long, on one line

@@ -152,7 +152,7 @@ static void several_windows_are_fitted_together(void **state)
     }
 }
 
-/* Promise(server/model/doubts): `GET /api/model` tells what makes the record doubtful, as `apc identify` does. */
+/* Promise(server/model/warnings): `GET /api/model` tells what makes the record doubtful, as `apc identify` does. */
 static void what_makes_the_record_doubtful_is_told(void **state)
 {
     (void)state;
@@ -160,14 +160,14 @@ static void what_makes_the_record_doubtful_is_told(void **state)
     ask_query((const char *[]){"inputs", "u", "outputs", "y", "since", since_begin(10), "until",
                                since_begin(RUN), NULL});
     json_t *json = answered(get_model);
-    const json_t *doubts = json_object_get(json, "doubts"), *doubt = json_array_get(doubts, 0);
-    assert_int_equal(json_array_size(doubts), 1);
-    assert_string_equal(json_string_value(json_object_get(doubt, "kind")), "limit");
-    assert_string_equal(json_string_value(json_object_get(doubt, "of")), "u");
-    assert_true(json_is_null(json_object_get(doubt, "with")));
-    assert_true(number_in(doubt, "value") > 0.05 && number_in(doubt, "value") < 0.5);
+    const json_t *warnings = json_object_get(json, "warnings"), *warning = json_array_get(warnings, 0);
+    assert_int_equal(json_array_size(warnings), 1);
+    assert_string_equal(json_string_value(json_object_get(warning, "kind")), "limit");
+    assert_string_equal(json_string_value(json_object_get(warning, "of")), "u");
+    assert_true(json_is_null(json_object_get(warning, "with")));
+    assert_true(number_in(warning, "value") > 0.05 && number_in(warning, "value") < 0.5);
     assert_non_null(
-        strstr(json_string_value(json_object_get(doubt, "text")), "u stands at its highest, 1.6,"));
+        strstr(json_string_value(json_object_get(warning, "text")), "u stands at its highest, 1.6,"));
     json_decref(json);
 }
 

@@ -472,7 +472,7 @@ export interface PlantModel {
   records: number;
   inputs: string[];
   outputs: {name: string; fit: number | null; white: number | null; independent: number | null; missing: number; longest: number}[];
-  doubts: {kind: "limit" | "drift" | "loop" | "coherence"; of: string; with: string | null; value: number; text: string}[]; // of the record
+  warnings: {kind: "limit" | "drift" | "loop" | "coherence"; of: string; with: string | null; value: number; text: string}[]; // of the record
   cells: (Transfer & {input: string; output: string; integrating: boolean; error: {[name in keyof Transfer]: number | null}; step: number; response: number[]; half: number[]})[];
 }
 

@@ -127,7 +127,7 @@ function Bench({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           <span class="say" data-since={within.since} data-until={within.until}>{fromUntil(within.since, within.until)}</span>
         </div>
         <Parts loop={loop} choice={choice} choose={setChoice} />
-        {model?.doubts.map(one => <p key={one.text} class="say" data-doubt={one.kind}><Note label={tr("workbench.doubt")} /> {said(one.text)}</p>)}
+        {model?.warnings.map(one => <p key={one.text} class="say" data-warning={one.kind}><Note label={tr("workbench.warning")} /> {said(one.text)}</p>)}
         {others.length > 0 && (
           <fieldset>
             <legend>{tr("workbench.inputs")}</legend>

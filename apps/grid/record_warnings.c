@@ -23,18 +23,18 @@
 #define SHORTEST      16 /* samples of a segment */
 #define PI            3.14159265358979323846
 
-struct doubts {
+struct warnings {
     const struct identify_data *d;
     const double *left;
-    struct grid_doubt *to;
+    struct grid_warning *to;
     size_t n;
 };
 
-static struct grid_doubt *add_doubt(struct doubts *z, const char *kind, const char *of, double value)
+static struct grid_warning *add_warning(struct warnings *z, const char *kind, const char *of, double value)
 {
-    struct grid_doubt *one = &z->to[z->n++];
+    struct grid_warning *one = &z->to[z->n++];
 
-    *one = (struct grid_doubt){.kind = kind, .of = of, .value = value};
+    *one = (struct grid_warning){.kind = kind, .of = of, .value = value};
     return one;
 }
 
@@ -69,7 +69,7 @@ static double share_at(const struct apc_record *r, const double *v, size_t strid
     return stopped ? (double)there / (double)r->n : 0.0;
 }
 
-static void doubt_limit(struct doubts *z, const char *name, const double *v, size_t stride)
+static void warn_of_limit(struct warnings *z, const char *name, const double *v, size_t stride)
 {
     double seen[FREE_VALUES], low = HUGE_VAL, high = -HUGE_VAL;
     size_t values = 0;
@@ -92,7 +92,7 @@ static void doubt_limit(struct doubts *z, const char *name, const double *v, siz
 
         if (share < STANDS)
             continue;
-        struct grid_doubt *one = add_doubt(z, "limit", name, share);
+        struct grid_warning *one = add_warning(z, "limit", name, share);
         snprintf(one->text, sizeof one->text,
                  "%s stands at its %s, %.6g, in %.0f %% of the samples: at a limit a record says little",
                  name, top ? "highest" : "lowest", at, 100.0 * share);
@@ -102,7 +102,7 @@ static void doubt_limit(struct doubts *z, const char *name, const double *v, siz
 /* ---- Drift ------------------------------------------------------------------------------------------------- */
 
 /* Of run @p g, in what the inputs leave of output @p i. */
-static void doubt_drift(struct doubts *z, size_t i, size_t g)
+static void warn_of_drift(struct warnings *z, size_t i, size_t g)
 {
     const struct apc_record *r = &z->d->record;
     const size_t end = apc_record_end(r, g), begin = end - apc_record_run(r, g).n;
@@ -129,7 +129,7 @@ static void doubt_drift(struct doubts *z, size_t i, size_t g)
                  moves = sqrt(yy / n);
     if (!(fabs(drift) > DRIFTS * moves && fabs(drift) > SCATTERS * beside))
         return;
-    struct grid_doubt *one = add_doubt(z, "drift", z->d->output[i], drift);
+    struct grid_warning *one = add_warning(z, "drift", z->d->output[i], drift);
     snprintf(
         one->text, sizeof one->text,
         "%s drifts by %.3g beside what the inputs do, and its standard deviation is %.3g: choose a shorter "
@@ -141,7 +141,7 @@ static void doubt_drift(struct doubts *z, size_t i, size_t g)
 
 /* How often changes of input @p j, @p lag samples later, have the sign of those of what is left of output @p i: a step of
  * the setpoint counts no more than noise does. */
-static double sign_agreement(const struct doubts *z, size_t i, size_t j, int lag, double *pairs)
+static double sign_agreement(const struct warnings *z, size_t i, size_t j, int lag, double *pairs)
 {
     const struct apc_record *r = &z->d->record;
     const size_t inputs = r->nu + r->nd;
@@ -166,7 +166,7 @@ static double sign_agreement(const struct doubts *z, size_t i, size_t j, int lag
 }
 
 /* An input that follows the output's own noise is a controller's; what is left of a wrong model follows the input. */
-static void doubt_loop(struct doubts *z, size_t i, size_t j)
+static void warn_of_loop(struct warnings *z, size_t i, size_t j)
 {
     const char *const u = z->d->input[j], *const y = z->d->output[i];
     double after = 0.0, before = 0.0, pairs = 0.0, of = 1.0;
@@ -183,7 +183,7 @@ static void doubt_loop(struct doubts *z, size_t i, size_t j)
     }
     if (!(fabs(after) > LEAST_ANSWER && fabs(after) > TELLING / sqrt(of) && fabs(after) > 2.0 * before))
         return;
-    struct grid_doubt *one = add_doubt(z, "loop", y, after);
+    struct grid_warning *one = add_warning(z, "loop", y, after);
     one->with = u;
     snprintf(
         one->text, sizeof one->text,
@@ -229,7 +229,7 @@ static bool transform(struct cross *c, const double *v, size_t stride, size_t j)
     return true;
 }
 
-static void add_segment(struct cross *c, const struct doubts *z, size_t i, size_t from)
+static void add_segment(struct cross *c, const struct warnings *z, size_t i, size_t from)
 {
     const struct apc_record *r = &z->d->record;
     const size_t m = c->inputs + 1;
@@ -271,7 +271,7 @@ static double left_of_line(double complex *s, size_t m)
 
 /* The part of output @p i that its inputs explain, by the model or by any linear one that forgets within a segment; NAN:
  * the record is too short. */
-static double explained(const struct doubts *z, size_t i, struct cross *c)
+static double explained(const struct warnings *z, size_t i, struct cross *c)
 {
     const struct apc_record *r = &z->d->record;
     const size_t m = c->inputs + 1;
@@ -297,7 +297,7 @@ static double explained(const struct doubts *z, size_t i, struct cross *c)
     return whole > 0.0 ? fmax(0.0, 1.0 - fmin(left, c->left) / whole) : (double)NAN;
 }
 
-static int doubt_coherence(struct doubts *z)
+static int warn_of_coherence(struct warnings *z)
 {
     const struct apc_record *r = &z->d->record;
     struct cross c = {.inputs = r->nu + r->nd, .length = SHORTEST};
@@ -320,7 +320,7 @@ static int doubt_coherence(struct doubts *z)
 
         if (!(share < LEAST_EXPLAIN))
             continue;
-        struct grid_doubt *one = add_doubt(z, "coherence", z->d->output[i], share);
+        struct grid_warning *one = add_warning(z, "coherence", z->d->output[i], share);
         snprintf(one->text, sizeof one->text,
                  "%s: of what moves it faster than each %.3g s the inputs explain %.0f %%, by this model or "
                  "by any "
@@ -352,14 +352,14 @@ static double *leave(const struct apc_record *record, const struct apc_linear *m
     return left;
 }
 
-int grid_doubts(const struct identify_data *d, const struct apc_linear *model, const double *u0,
-                const double *y0, struct grid_doubt **to, size_t *n)
+int grid_warnings(const struct identify_data *d, const struct apc_linear *model, const double *u0,
+                  const double *y0, struct grid_warning **to, size_t *n)
 {
     const struct apc_record *r = &d->record;
     const size_t inputs = r->nu + r->nd,
                  most = 2 * (inputs + r->ny) + r->ny * (inputs + apc_record_runs(r) + 1);
     double *const left = leave(r, model, u0, y0);
-    struct doubts z = {d, left, calloc(most, sizeof **to), 0};
+    struct warnings z = {d, left, calloc(most, sizeof **to), 0};
 
     *to = z.to;
     *n = 0;
@@ -368,24 +368,24 @@ int grid_doubts(const struct identify_data *d, const struct apc_linear *model, c
         return APC_ENOMEM;
     }
     for (size_t j = 0; j < inputs; j++)
-        doubt_limit(&z, d->input[j], r->u + j, inputs);
+        warn_of_limit(&z, d->input[j], r->u + j, inputs);
     for (size_t i = 0; i < r->ny; i++) {
-        doubt_limit(&z, d->output[i], r->y + i, r->ny);
+        warn_of_limit(&z, d->output[i], r->y + i, r->ny);
         for (size_t g = 0; g < apc_record_runs(r); g++)
-            doubt_drift(&z, i, g);
+            warn_of_drift(&z, i, g);
         for (size_t j = 0; j < r->nu; j++)
-            doubt_loop(&z, i, j);
+            warn_of_loop(&z, i, j);
     }
-    const int rc = doubt_coherence(&z);
+    const int rc = warn_of_coherence(&z);
     *n = z.n;
     free(left);
     return rc;
 }
 
-void grid_doubts_json(const struct grid_doubt *doubt, size_t n, struct text *t)
+void grid_warnings_json(const struct grid_warning *warning, size_t n, struct text *t)
 {
-    json_add(t, "doubts:[");
-    for (const struct grid_doubt *d = doubt; d < doubt + n; d++)
+    json_add(t, "warnings:[");
+    for (const struct grid_warning *d = warning; d < warning + n; d++)
         json_add(t, "{kind:%s, of:%s, with:%s, value:%g, text:%s}", d->kind, d->of, d->with, d->value,
                  d->text);
     json_add(t, "]");
