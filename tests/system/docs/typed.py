@@ -33,7 +33,8 @@ def blocks(page):
 
 def tests(tree):
     """What each test says that it types: its file and line, the page, a pattern of how the commands begin."""
-    for path in [*sorted(tree.glob("tests/**/*.sh")), *sorted(tree.glob("scripts/*")), *tree.glob(".ci/run")]:
+    scripts = sorted(path for path in tree.glob("scripts/*") if path.is_file())
+    for path in [*sorted(tree.glob("tests/**/*.sh")), *scripts, *tree.glob(".ci/run")]:
         for n, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             mark = MARK.fullmatch(line)
             for what in mark[2].split(", ") if mark else ():
