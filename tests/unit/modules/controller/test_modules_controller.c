@@ -782,7 +782,7 @@ static void a_controller_that_could_not_work_is_refused(void **state)
     (void)state;
     o.dim.nz = 2;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "2 setpoints"));
+    assert_non_null(strstr(why.text, "setpoints: 2"));
     o = good;
     o.loop = &(const struct apc_controller_loop){
         .id = 1, .mode = 1, .low = -HUGE_VAL, .high = high}; /* a fault value of 0 lies outside */
