@@ -225,7 +225,7 @@ static void put_headings(FILE *out, const struct print_table *table, bool colour
 static void put_used_columns(FILE *out, const struct print_table *table, bool colour, size_t most,
                              const char *eol)
 {
-    const size_t rows = table->n / table->n_columns;
+    const size_t rows = table->n_columns > 0 ? table->n / table->n_columns : 0;
 
     put_headings(out, table, colour);
     fputs(eol, out);

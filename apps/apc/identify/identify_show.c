@@ -294,7 +294,7 @@ static int show_tunings(const struct identification *z)
     struct apc_error why;
     struct print_table t;
 
-    if (!z->own.suggest || !z->model[TRANSFER].linear)
+    if (!z->own.suggest || !z->model[TRANSFER].linear || inputs == 0)
         return 0;
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++) {
